@@ -356,19 +356,19 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
     It is missing while a file is written; without a checksum it may be damaged anywhere.
     """
     places: dict[int, ChunkPlace] = {}
-    told = None
+    chunk_count = None
     with suppress(DamageError):
         for record in read_summary(file, _CHUNK_INDEXES):
             if isinstance(record, Statistics):
-                told = record.chunk_count
+                chunk_count = record.chunk_count
             elif isinstance(record, ChunkIndex):
                 offset, channels = record.chunk_start_offset, record.message_index_offsets
                 places[offset] = ChunkPlace(
                     offset, record.message_start_time, record.message_end_time, frozenset(channels)
                 )
         file.seek(-len(MCAP0_MAGIC) - _CRC_SIZE, io.SEEK_END)
-        told = told if any(file.read(_CRC_SIZE)) else None
-    if len(places) != told:
+        chunk_count = chunk_count if any(file.read(_CRC_SIZE)) else None
+    if len(places) != chunk_count:
         places.clear()
         with suppress(DamageError):
             size = file.seek(0, io.SEEK_END)
@@ -530,7 +530,7 @@ class Catalogue:
         )
 
     def channels_of(self, topic: str) -> set[int]:
-        return {number for number, one in self._channels.items() if one.topic == topic}
+        return {number for number, channel in self._channels.items() if channel.topic == topic}
 
     def topics(self, channel_ids: Iterable[int] | None = None) -> list[Topic]:
         """Of some channels, or all. Raises ForeignError if one is not of ROS 2."""

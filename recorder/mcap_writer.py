@@ -204,16 +204,16 @@ class McapWriter:
         return places, b"".join(indexes)
 
     def _written(self, first: int, last: int, count: int) -> None:
-        known = self.statistics
-        if not known.message_count:
-            known.message_start_time, known.message_end_time = first, last
-        known.message_start_time = min(known.message_start_time, first)
-        known.message_end_time = max(known.message_end_time, last)
-        known.message_count += count
-        known.chunk_count += 1
+        statistics = self.statistics
+        if not statistics.message_count:
+            statistics.message_start_time, statistics.message_end_time = first, last
+        statistics.message_start_time = min(statistics.message_start_time, first)
+        statistics.message_end_time = max(statistics.message_end_time, last)
+        statistics.message_count += count
+        statistics.chunk_count += 1
         for channel, entries in enumerate(self._entries, 1):
             if entries:
-                known.channel_message_counts[channel] += len(entries) // 2
+                statistics.channel_message_counts[channel] += len(entries) // 2
                 entries.clear()
         self._chunk.clear()
         self._chunk_bytes = 0
@@ -278,13 +278,13 @@ class McapFile:
 
     @property
     def start_ns(self) -> int | None:
-        known = self._writer.statistics
-        return known.message_start_time if known.message_count else None
+        statistics = self._writer.statistics
+        return statistics.message_start_time if statistics.message_count else None
 
     @property
     def end_ns(self) -> int | None:
-        known = self._writer.statistics
-        return known.message_end_time if known.message_count else None
+        statistics = self._writer.statistics
+        return statistics.message_end_time if statistics.message_count else None
 
     @property
     def size(self) -> int:

@@ -98,7 +98,7 @@ class Bag:
             except (DamageError, OSError) as error:
                 if not self._files:
                     raise
-                self._found(file, end_of(error))
+                self._note_problem(file, end_of(error))
                 break
             self._files.append(file)
             self.records |= catalogue.records
@@ -107,7 +107,7 @@ class Bag:
             lost = catalogue.records.get(RECOVERY_RECORD, {}).get("problem")
             for text in (lost, damage):
                 if text is not None:
-                    self._found(file, text)
+                    self._note_problem(file, text)
 
     @property
     def complete(self) -> bool:
@@ -137,9 +137,9 @@ class Bag:
                         if isinstance(item, RawMessage):
                             yield item
                         elif isinstance(item, Gap):
-                            self._found(path, left_out(item))
+                            self._note_problem(path, left_out(item))
             except (DamageError, OSError) as error:
-                self._found(path, end_of(error))
+                self._note_problem(path, end_of(error))
                 return
 
     def _by_time(self, files: Iterable[Path]) -> Iterator[RawMessage]:
@@ -148,14 +148,14 @@ class Bag:
             try:
                 seekers.append(Seeker(path))
             except (DamageError, OSError) as error:
-                self._found(path, end_of(error))
+                self._note_problem(path, end_of(error))
         parts = (part for seeker in seekers for part in seeker.parts())
         yield from _merged(parts)
         for seeker in seekers:
             if seeker.problem is not None:
-                self._found(seeker.path, seeker.problem)
+                self._note_problem(seeker.path, seeker.problem)
 
-    def _found(self, file: Path, problem: str) -> None:
+    def _note_problem(self, file: Path, problem: str) -> None:
         self.problem = self.problem or f"{file}: {problem}"
 
 
@@ -213,8 +213,8 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
                 yield record
                 if gaps == 1:  # it may have held channels of later chunks; the summary has all
                     with suppress(DamageError):
-                        for known in read_summary(file):
-                            catalogue.add_record(known)
+                        for description in read_summary(file):
+                            catalogue.add_record(description)
                     yield from catalogue.topics()
             case _:
                 catalogue.add_record(record)
@@ -371,7 +371,7 @@ class Seeker:
         """
         channels = self._catalogue.channels_of(name)
         near = [chunk for chunk in self._chunks if chunk.distance(at_ns) <= within_ns]
-        found: Message | None = None
+        nearest: Message | None = None
         self._unpacked = 0
         try:
             with open_recording(self.path) as file:
@@ -381,13 +381,13 @@ class Seeker:
                     if not chunk.channels or chunk.channels & channels:
                         for message in self._messages(file, chunk.offset, channels):
                             if abs(message.log_time - at_ns) <= within_ns:
-                                found, within_ns = message, abs(message.log_time - at_ns) - 1
-            if found is None:
+                                nearest, within_ns = message, abs(message.log_time - at_ns) - 1
+            if nearest is None:
                 return None
-            topic = self._catalogue.topic(found.channel_id)
+            topic = self._catalogue.topic(nearest.channel_id)
         except (DamageError, OSError) as error:
             raise RecorderError(f"{name}: cannot be read ({error}); look at the disk") from None
-        return _raw(found, topic)
+        return _raw(nearest, topic)
 
     def parts(self) -> Iterator[_Part]:
         """Each chunk, its messages by log time, and the messages outside the chunks, as stored."""

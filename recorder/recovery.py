@@ -268,10 +268,10 @@ def _is_listed(folder: Path, folder_fd: int, information: BagInformation) -> boo
     try:
         document = bag_information(folder)
         topics = document["topics_with_message_count"]
-        told = {topic["topic_metadata"]["name"]: topic["message_count"] for topic in topics}
+        counted = {topic["topic_metadata"]["name"]: topic["message_count"] for topic in topics}
         return (
             document["message_count"] == counts.total()
-            and {name: number for name, number in told.items() if number} == counts
+            and {name: number for name, number in counted.items() if number} == counts
             and listed_names(document) == [file.file_name for file in files]
         )
     except FileNotFoundError:
@@ -306,18 +306,20 @@ def _keep(folder_fd: int, name: str) -> str:
     """Give a file a second name, `NAME.torn`; where a disk has no hard links, a new name."""
     info = os.stat(name, dir_fd=folder_fd, follow_symlinks=False)
     for number in count(1):
-        kept = _torn_name(name, number)
-        if _is_named(folder_fd, kept, info):
-            return kept  # an earlier repair was ended here
-        if _exists(folder_fd, kept):
+        torn_name = _torn_name(name, number)
+        if _is_named(folder_fd, torn_name, info):
+            return torn_name  # an earlier repair was ended here
+        if _exists(folder_fd, torn_name):
             continue
         try:
-            os.link(name, kept, src_dir_fd=folder_fd, dst_dir_fd=folder_fd, follow_symlinks=False)
+            os.link(
+                name, torn_name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd, follow_symlinks=False
+            )
         except OSError as error:
             if error.errno not in _NO_LINKS:
                 raise
-            os.rename(name, kept, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-        return kept
+            os.rename(name, torn_name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+        return torn_name
     raise AssertionError
 
 
@@ -329,11 +331,11 @@ def _put_back(folder_fd: int, name: str) -> None:
     if _exists(folder_fd, name) or not _exists(folder_fd, _torn_name(name, 1)):
         return
     last = next(n for n in count(1) if not _exists(folder_fd, _torn_name(name, n + 1)))
-    kept = _torn_name(name, last)
-    with open_recording(kept, folder_fd) as file:
-        _lock(folder_fd, kept, file)
+    torn_name = _torn_name(name, last)
+    with open_recording(torn_name, folder_fd) as file:
+        _lock(folder_fd, torn_name, file)
         if not _exists(folder_fd, name):
-            os.rename(kept, name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+            os.rename(torn_name, name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
 
 
 def _torn_name(name: str, number: int) -> str:

@@ -130,8 +130,10 @@ class Survey:
     def _check_summary(self, file: BinaryIO) -> None:
         """Readers trust the summary, if there is one; without checksums it may differ."""
         try:
-            told = {topic.name: topic for topic in reversed(Catalogue(read_summary(file)).topics())}
-            if told and told != self.topics:
+            topics = {
+                topic.name: topic for topic in reversed(Catalogue(read_summary(file)).topics())
+            }
+            if topics and topics != self.topics:
                 self.cut.append("its summary tells of other topics")
         except ForeignError:
             self.cut.append("its summary tells of other topics")
@@ -180,17 +182,19 @@ def listing(
     evidence = sorted(filter(is_evidence, names), key=natural_order)
     if recording is None:
         others = sorted(set(names).difference(evidence), key=natural_order)
-        known = [summarised(folder_fd, name) for name in _told(folder_fd) or others]
+        recordings = [summarised(folder_fd, name) for name in _listed_names(folder_fd) or others]
     else:
-        known = [recording]
-    files = [file for file in known if file is not None]
-    if not files or len(files) < len(known):
+        recordings = [recording]
+    files = [file for file in recordings if file is not None]
+    if not files or len(files) < len(recordings):
         return None
-    found = [summarised(folder_fd, name) for name in evidence if name not in without]
-    return replace(files[0], more=(*files[1:], *(file for file in found if file is not None)))
+    evidence_files = [summarised(folder_fd, name) for name in evidence if name not in without]
+    return replace(
+        files[0], more=(*files[1:], *(file for file in evidence_files if file is not None))
+    )
 
 
-def _told(folder_fd: int) -> list[str]:
+def _listed_names(folder_fd: int) -> list[str]:
     try:
         with open_recording(METADATA_FILE, folder_fd) as file:
             names = listed_names(information_in(file.read(METADATA_LIMIT)))

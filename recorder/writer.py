@@ -89,9 +89,9 @@ class BagFolder:
                 else:
                     os.fsync(self._fd)
             except FileExistsError:
-                made = folder if self._is_new else folder / name
+                existing = folder if self._is_new else folder / name
                 raise RecorderError(
-                    f"{made} exists already; move it away or record under another name"
+                    f"{existing} exists already; move it away or record under another name"
                 ) from None
             except OSError as error:
                 raise _cannot_record(folder, error) from None
@@ -467,9 +467,9 @@ class BagWriter:
 
     def _check(self, topic: Topic) -> None:
         problem = topic_problem(topic)
-        known = self._topics.setdefault(topic.name, topic)
-        if known.type != topic.type:
-            problem = f"{topic.name} is both {known.type} and {topic.type}"
+        first_topic = self._topics.setdefault(topic.name, topic)
+        if first_topic.type != topic.type:
+            problem = f"{topic.name} is both {first_topic.type} and {topic.type}"
         if problem is not None:
             raise RecorderError(f"{problem}; correct the topic's configuration")
 
@@ -569,16 +569,16 @@ class BagWriter:
         """Stop recording; everything received and not saved counts as dropped."""
         cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
         hint = remedy(error) or "check the disk and its free space before the next run"
-        kept = f"what was written stays readable, {hint}"
+        outcome = f"what was written stays readable, {hint}"
         with self._changed:
             if self._state is not RecorderState.RECORDING:
                 return
             self._state = RecorderState.FAILED
             if isinstance(error, FileNotFoundError):  # the file or its folder was deleted
-                kept = "what was written is lost, find out what deletes it before the next run"
+                outcome = "what was written is lost, find out what deletes it before the next run"
                 self._account.saved.clear()
                 self._span, self._file_bytes = (None, None), 0
-            failed = f"recording to {self.folder} failed: {cause}; {kept}"
+            failed = f"recording to {self.folder} failed: {cause}; {outcome}"
             self._error = str(error) if isinstance(error, RecorderError) else failed
             self._give_up_rest()
 

@@ -107,17 +107,17 @@ def evaluate(  # noqa: PLR0913  a signal is an argument
             raise ScoringError(f"{name} {value!r}: give a finite number, {unit}")
     if timeout <= 0:
         raise ScoringError(f"timeout {timeout!r}: give more than 0 s")
-    for name, given, kind in (
+    for name, argument, kind in (
         ("condition", condition, Condition),
         ("passage", passage, Mapping),
         ("thresholds", thresholds or Thresholds(), Thresholds),
     ):
-        if not isinstance(given, kind):
-            raise ScoringError(f"{name}: give a {kind.__name__}, not {type(given).__name__}")
+        if not isinstance(argument, kind):
+            raise ScoringError(f"{name}: give a {kind.__name__}, not {type(argument).__name__}")
     samples = [
         *_samples(DoorSample, "door", door),
         *_samples(HandleSample, "handle", handle),
-        *(one for name, data in passage.items() for one in _passage_samples(name, data)),
+        *(sample for name, data in passage.items() for sample in _passage_samples(name, data)),
         *(() if latch is None else _samples(_latch_sample, "latch", latch)),
     ]
     samples.sort(key=lambda sample: sample.time)

@@ -160,21 +160,21 @@ class Assessment:
     def provisional(self, procedure: Procedure) -> dict[str, float]:
         """The time indicators known so far, by file name, s; the run can still change them."""
         events = self._live.events(newest=2)  # the last closing is one of them
-        known = {
+        indicators = {
             IndicatorName.TIME_TO_HANDLE: pi.time_to_handle(events),
             IndicatorName.DOOR_OCCUPATION_TIME: pi.door_occupation_time(
                 events, self.condition, self._ruleset
             ),
             IndicatorName.PASSAGE_TIME: pi.passage_time(events, procedure.done, self._ruleset),
         }
-        return {str(name): float(i.value) for name, i in known.items() if i.value is not None}
+        return {str(name): float(i.value) for name, i in indicators.items() if i.value is not None}
 
     def provisional_doubts(self) -> dict[str, tuple[str, ...]]:
         """Doubts so far, by file name (section 11); the newest state may not hold yet."""
-        known = (self._newest or self.start) - self._thresholds.doubt.gap_reach
-        edges = (edge for edge in self._live.deciding() if edge.time <= known)
-        found = edge_doubts(edges, self._counters, self._thresholds)
-        return {str(name): doubts for name, doubts in by_indicator(found).items()}
+        certain_until = (self._newest or self.start) - self._thresholds.doubt.gap_reach
+        edges = (edge for edge in self._live.deciding() if edge.time <= certain_until)
+        doubts = edge_doubts(edges, self._counters, self._thresholds)
+        return {str(name): sentences for name, sentences in by_indicator(doubts).items()}
 
     def quality(self, more: Iterable[str] = ()) -> Quality:
         expected = [s for s in Signal if not s.optional or s in self._counters]
@@ -290,12 +290,12 @@ class Assessment:
         self, ending: Ending, rulings: Sequence[Ruling], end: float
     ) -> tuple[DecidingEdge, ...]:
         """The edges on which indicators depend; only the stop, if seen after a torn recording."""
-        edges, known = self._scoring.deciding(end), self._thresholds
+        edges, thresholds = self._scoring.deciding(end), self._thresholds
         lost = self._newest is not None and self._newest < end
         ruled = any(ruling.time == end for ruling in rulings)
         if ending.outcome is not Outcome.COMPLETED or not lost or ruled:
             return edges
-        since, often = end - 1 / known.rate, known.doubt.least_readings
+        since, often = end - 1 / thresholds.rate, thresholds.doubt.least_readings
         return (*edges, DecidingEdge(EdgeKind.LOCKING, Signal.LATCH, end, since, often))
 
     def _trusted(
@@ -328,9 +328,9 @@ class Assessment:
         return -math.inf if self._newest is None else self._newest
 
     def _rest(self, ending: Ending) -> RestForce:
-        times, forces, known = self._force_time, self._force, self._thresholds
+        times, forces, thresholds = self._force_time, self._force, self._thresholds
         rest = rest_force(
-            times, forces, self.start, zero=self._zero, end=self._newest, thresholds=known
+            times, forces, self.start, zero=self._zero, end=self._newest, thresholds=thresholds
         )
         if ending.outcome is Outcome.COMPLETED:
             return rest

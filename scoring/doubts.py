@@ -127,10 +127,10 @@ class Grounds:
             return 0.0
         since = self.door.time >= self.start
         time, angle = self.door.time[since], self.door.angle[since]
-        one, other = (
+        as_recorded, corrected = (
             last_closing(time, each, thresholds.closed_angle) for each in (angle, angle - zero)
         )
-        return abs(one - other) if one != other else 0.0
+        return abs(as_recorded - corrected) if as_recorded != corrected else 0.0
 
     def drift_shift(self) -> float:
         """How far the touch moves by the handle at rest just before it and after the run, s.
@@ -216,7 +216,7 @@ def all_doubts(
 ) -> dict[Name, tuple[str, ...]]:
     """The doubts on a run by indicator; `uncertain` gives uncertainties for other grounds."""
     with np.errstate(over="ignore", invalid="ignore"):  # of what only `eurobench-2020` believes
-        found = (
+        doubts = (
             *edge_doubts(grounds.edges, grounds.counters, grounds.thresholds),
             *_other_visits(grounds),
             *_blind_strips(grounds),
@@ -240,16 +240,16 @@ def all_doubts(
             *_rate(grounds),
             *_misread(grounds),
         )
-    return by_indicator(found)
+    return by_indicator(doubts)
 
 
-def by_indicator(found: Iterable[Doubt]) -> dict[Name, tuple[str, ...]]:
+def by_indicator(doubts: Iterable[Doubt]) -> dict[Name, tuple[str, ...]]:
     """In the protocol's order, each sentence once."""
-    told: dict[Name, dict[str, None]] = {name: {} for name in Name}
-    for names, words in found:
+    sentences: dict[Name, dict[str, None]] = {name: {} for name in Name}
+    for names, words in doubts:
         for name in names:
-            told[name][words] = None
-    return {name: tuple(words) for name, words in told.items() if words}
+            sentences[name][words] = None
+    return {name: tuple(words) for name, words in sentences.items() if words}
 
 
 def edge_doubts(
@@ -301,7 +301,9 @@ class _Visit(NamedTuple):
 
 def _visits(g: Grounds, of: Container[Side]) -> list[_Visit]:
     visits: list[_Visit] = []
-    under = ((rise, fall, s.side) for s, seen in g.presences.items() for rise, fall in seen)
+    under = (
+        (rise, fall, s.side) for s, presences in g.presences.items() for rise, fall in presences
+    )
     for rise, fall, side in sorted(each for each in under if each[2] in of):
         if visits and rise <= visits[-1].fall + g.thresholds.largest_gap:
             before = visits.pop()
@@ -319,7 +321,7 @@ def _blind_strips(g: Grounds) -> Iterator[Doubt]:
         elif counter.no_reading > (readings := counter.readings) / 2:
             share = f"{100 * counter.no_reading / readings:.0f} of 100 values without a reading"
             yield _PASSING, f"{signal.value}: {share}: {_UNDECIDABLE}"
-    seen_sides = {sensor.side for sensor, seen in g.presences.items() if seen}
+    seen_sides = {sensor.side for sensor, presences in g.presences.items() if presences}
     if {EdgeKind.TOUCH, EdgeKind.OPENING, EdgeKind.CLOSING} <= {edge.kind for edge in g.edges}:
         for side in set(Side) - seen_sides:
             arrives = side is g.condition.starting_side
@@ -471,7 +473,7 @@ def _guessed_angles(g: Grounds) -> Iterator[Doubt]:
 def _encoder(g: Grounds) -> Iterator[Doubt]:
     count, limits = g.thresholds.encoder_count, g.thresholds.doubt
     scaled = (*_MOTION, *EdgeKind.CLOSING.indicators)
-    for names, what, seen, usual, most in (
+    for names, what, measured, usual, most in (
         (scaled, "steps by", g.door.step, count, _SAME_SCALE * count),
         (
             _MOTION[:1],
@@ -481,8 +483,8 @@ def _encoder(g: Grounds) -> Iterator[Doubt]:
             limits.encoder * count,
         ),
     ):
-        if seen is not None and abs(seen - usual) > most:
-            angles = f"{1000 * seen:.3g} mrad, not {1000 * usual:.3g}"
+        if measured is not None and abs(measured - usual) > most:
+            angles = f"{1000 * measured:.3g} mrad, not {1000 * usual:.3g}"
             yield names, f"another encoder: the door {what} {angles}"
 
 
@@ -598,7 +600,7 @@ def _latch(g: Grounds) -> Iterator[Doubt]:
 
 
 def _unfinished(g: Grounds) -> Iterator[Doubt]:
-    undone = [one for one in g.procedure.steps if not one.done]
+    undone = [step for step in g.procedure.steps if not step.done]
     if g.completed and g.recorded_until >= g.end and undone and not undone[0].denied:
         words = f"it ended as completed, but step {undone[0].step:d} is not in the recording"
         yield EdgeKind.CLOSING.indicators, words
@@ -649,15 +651,17 @@ def _delays(g: Grounds) -> Iterator[Doubt]:
     doubted: dict[str, list[Name]] = {}
     for name, edges in joined.items():
         delays = [("the clock of the start", 0.0, 0.0)] if name in _FROM_START else []
-        for signal, time in sorted(edges, key=lambda one: (one[0].value, one[1])):
+        for signal, time in sorted(edges, key=lambda edge: (edge[0].value, edge[1])):
             counter = g.counters.get(signal)
             delay = None if counter is None else counter.delay_near(time)
             if counter is not None and delay is not None and counter.interval is not None:
                 delays.append((signal.value, delay, counter.interval))
-        for (one, delay, interval), (other, of_other, often) in combinations(delays, 2):
+        for (first, delay, interval), (second, of_other, often) in combinations(delays, 2):
             difference = abs(delay - of_other)
             if difference > g.thresholds.doubt.delay_intervals * max(interval, often):
-                between = f"{other} and {one}" if one != other else f"{one}, early and late,"
+                between = (
+                    f"{second} and {first}" if first != second else f"{first}, early and late,"
+                )
                 largest[between] = max(difference, largest.get(between, 0.0))
                 doubted.setdefault(between, []).append(name)
     for between, difference in largest.items():

@@ -189,12 +189,12 @@ class EventDetector:
                 present = lintel - sample.ranges[sensor.element] > highest
             else:
                 continue
-            known, before = len(level.edges), level.state
+            edges_before, before = len(level.edges), level.state
             if level.update(sample.time, present, self._start):
                 self.changes += 1
                 self._occupied[sensor.side] += bool(level.state) - bool(before)
-                if level.state is not before or len(level.edges) > known:
-                    self._follow_sensor(sensor, level.edges[known:], sample.time)
+                if level.state is not before or len(level.edges) > edges_before:
+                    self._follow_sensor(sensor, level.edges[edges_before:], sample.time)
         if self.on_passage is not None:
             self.on_passage(sample, angle)
 
@@ -279,15 +279,19 @@ class EventDetector:
         events += self._latch_events[since:]
         passage_end = math.inf if self._ruleset.passage_events_to_end else end
         passage = self._passage_events(stop)
-        kept = [e for e in events if e.time <= end] + [e for e in passage if e.time <= passage_end]
+        in_time = [e for e in events if e.time <= end] + [
+            e for e in passage if e.time <= passage_end
+        ]
         if stop is not None:
-            kept.append(Event(stop, EventName.BENCHMARK_STOP))  # after what happens at its instant
-        return tuple(sorted(kept, key=lambda e: e.time))
+            in_time.append(
+                Event(stop, EventName.BENCHMARK_STOP)
+            )  # after what happens at its instant
+        return tuple(sorted(in_time, key=lambda e: e.time))
 
     def deciding(self, stop: float | None = None) -> tuple[DecidingEdge, ...]:
         """The edges on which the indicators depend (section 11), live or as of the stop."""
         end = math.inf if stop is None else stop
-        found: list[DecidingEdge | None] = [
+        candidates: list[DecidingEdge | None] = [
             first_rise(EdgeKind.TOUCH, Signal.HANDLE, self._touch, end),
             *door_edges(self._door, self._touch, end),
         ]
@@ -295,14 +299,16 @@ class EventDetector:
         if rises:
             time, sensor = min(rises, key=lambda rise: rise[0])
             arrival = passage_edge(EdgeKind.ARRIVAL, self._sensors, sensor, time)
-            found.append(replace(arrival, also=self._ruleset.capability.arrival_decides))
+            candidates.append(replace(arrival, also=self._ruleset.capability.arrival_decides))
         locked = next((e for e in reversed(self._latch) if e.value and e.time <= end), None)
         if locked is not None and locked.since is not None:
             # a latch that publishes changes only is sampled at the nominal rate in between
             since = max(locked.since, locked.time - 1 / self._thresholds.rate)
             often = self._thresholds.doubt.least_readings
-            found.append(DecidingEdge(EdgeKind.LOCKING, Signal.LATCH, locked.time, since, often))
-        edges = [edge for edge in found if edge is not None and edge.time <= end]
+            candidates.append(
+                DecidingEdge(EdgeKind.LOCKING, Signal.LATCH, locked.time, since, often)
+            )
+        edges = [edge for edge in candidates if edge is not None and edge.time <= end]
         left = self._leaves(stop)
         last = None if left is None else departure(self._sensors, *left)
         return tuple(edges) if last is None else (*edges, last)

@@ -186,8 +186,9 @@ def marked_events(
     events: Iterable[tuple[float, str]], condition: Condition | None
 ) -> dict[EventMark, list[float]]:
     """The times of the marked events that happened; `events` are in order of time."""
-    told = list(events)
-    found = {
-        mark: [time for time, name in told if name == mark.event(condition)] for mark in EventMark
+    in_order = list(events)
+    marked = {
+        mark: [time for time, name in in_order if name == mark.event(condition)]
+        for mark in EventMark
     }
-    return {mark: times for mark, times in found.items() if times}
+    return {mark: times for mark, times in marked.items() if times}

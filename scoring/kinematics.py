@@ -141,8 +141,8 @@ def jerk_rows(
     before, after = rows[:-1], rows[1:]
     near = joint.time[after] - joint.time[before] <= _gap(ruleset, thresholds)
     defined = np.isfinite(_quotients(joint, before, after))
-    kept = is_open[after] & near & defined
-    return before[kept], after[kept]
+    usable = is_open[after] & near & defined
+    return before[usable], after[usable]
 
 
 def _quotients(joint: JointState, before: NDArray[np.intp], after: NDArray[np.intp]) -> Array:

@@ -43,9 +43,9 @@ class Libraries:
 def libraries_here() -> Libraries:
     """The versions loaded in this process; installed ones may have been upgraded since."""
     with imports_kept():
-        found = {
+        versions = {
             each.name: str(import_module(each.name).__version__)
             for each in fields(Libraries)
             if each.name != "python"
         }
-    return Libraries(python=platform.python_version(), **found)
+    return Libraries(python=platform.python_version(), **versions)

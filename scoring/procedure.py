@@ -153,7 +153,7 @@ def _chain(
 ) -> dict[Step, _Finding]:
     uses_latch = mode is not LockDetection.SETTLE and bool(evidence.latch)
     finders: dict[Step, _Finder] = {
-        Step.TOUCH: lambda _: _found(evidence.touched, "handle not touched yet"),
+        Step.TOUCH: lambda _: _finding(evidence.touched, "handle not touched yet"),
         Step.UNLOCK: lambda t: _unlocked(evidence, t, uses_latch),
         Step.OPEN: lambda t: _opened(evidence, t),
         Step.CROSS: lambda t: _crossed(evidence, t),
@@ -185,7 +185,7 @@ def _rule(finding: _Finding, ruling: Ruling | None, before: float, stop: float |
     return _Finding(time if stop is None else min(time, stop))
 
 
-def _found(time: float | None, why: str) -> _Finding:
+def _finding(time: float | None, why: str) -> _Finding:
     return _Finding(time) if time is not None else _Finding(None, why)
 
 
@@ -196,22 +196,22 @@ def _until(evidence: Evidence, edges: Sequence[Edge]) -> Sequence[Edge]:
 
 
 def _first_time(edges: Sequence[Edge], value: bool, after: float) -> float | None:
-    known = edges_until(edges, after)
-    if known and edges[known - 1].value is value:
+    count = edges_until(edges, after)
+    if count and edges[count - 1].value is value:
         return after
-    return next((edge.time for edge in edges[known : known + 2] if edge.value is value), None)
+    return next((edge.time for edge in edges[count : count + 2] if edge.value is value), None)
 
 
 def _unlocked(evidence: Evidence, touched: float, uses_latch: bool) -> _Finding:
     if uses_latch:
         time = _first_time(_until(evidence, evidence.latch), False, touched)
-        return _found(time, "latch still engaged")
-    return _found(_opened(evidence, touched).time, "implied by opening")
+        return _finding(time, "latch still engaged")
+    return _finding(_opened(evidence, touched).time, "implied by opening")
 
 
 def _opened(evidence: Evidence, unlocked: float) -> _Finding:
     time = _first_time(_until(evidence, evidence.door), True, unlocked)
-    return _found(time, "door not opened yet")
+    return _finding(time, "door not opened yet")
 
 
 def _crossed(evidence: Evidence, opened: float) -> _Finding:
@@ -235,7 +235,7 @@ def _locked(evidence: Evidence, closed: float, mode: LockDetection, settle_time:
         if not evidence.latch:
             return _Finding(None, _LATCH_SILENT)
         time = _first_time(_until(evidence, evidence.latch), True, closed)
-        return _found(time, "latch not engaged yet")
+        return _finding(time, "latch not engaged yet")
     settled = closed + settle_time
     opened = _first_time(evidence.door, True, closed)
     if opened is not None and opened < settled:

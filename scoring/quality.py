@@ -49,7 +49,7 @@ class StampGuard:
         self._shift = 0.0
         self._newest: float | None = None
         self._previous: Sample | None = None
-        self._kept: Sample | None = None
+        self._newest_sample: Sample | None = None
         self._reference = 0.0
         self._interval = 0.0
         self._ahead = False
@@ -66,18 +66,18 @@ class StampGuard:
         if self._newest is not None and time <= self._newest:
             self.dropped += 1
             return None
-        self._newest, self._kept = time, sample
+        self._newest, self._newest_sample = time, sample
         if self._shift == 0.0:
             return sample
         self.shifted += 1
         return replace(sample, time=time)
 
     def _is_ahead(self, sample: Sample) -> bool:
-        kept = self._kept
-        if kept is None:
+        newest_sample = self._newest_sample
+        if newest_sample is None:
             return False
-        jump = sample.time - kept.time - (sample.log_time - kept.log_time)
-        lost = 0 < kept.sequence < sample.sequence - 1
+        jump = sample.time - newest_sample.time - (sample.log_time - newest_sample.log_time)
+        lost = 0 < newest_sample.sequence < sample.sequence - 1
         self._ahead = _AHEAD < jump <= LARGEST_JUMP and not (lost or self._ahead)
         return self._ahead
 
@@ -180,8 +180,8 @@ class SignalQuality:
         if self.dropped:
             yield f"{self.dropped} duplicate, backward, wrong or missing stamps dropped"
         if self.clock_steps > KEPT_STEPS:
-            told = f"of which the first {KEPT_STEPS} are told"
-            yield f"clock stepped {self.clock_steps} times, {told}"
+            limit = f"of which the first {KEPT_STEPS} are told"
+            yield f"clock stepped {self.clock_steps} times, {limit}"
         if not self.signal.optional:
             yield from self._interruptions()
         if self.no_reading:
@@ -460,9 +460,9 @@ class PanelAngles:
         self._times.append(sample.time)
         self._angles.append(sample.angle)
         if self._waiting:
-            known = [each for each in self._waiting if each.time <= sample.time]
+            ready = [each for each in self._waiting if each.time <= sample.time]
             self._waiting = [each for each in self._waiting if each.time > sample.time]
-            self._hand_on(known)
+            self._hand_on(ready)
 
     def add_passage(self, sample: PassageSample) -> None:
         if self._times and sample.time <= self._times[-1]:

@@ -143,15 +143,15 @@ def rest_force(
     """
     import numpy as np
 
-    known = thresholds or Thresholds()
+    limits = thresholds or Thresholds()
     times, forces = np.asarray(time, np.float64), np.asarray(force, np.float64)
-    before = _before(times, forces, start, zero, known)
+    before = _before(times, forces, start, zero, limits)
     no_before = None if before else "the handle was not quiet for half a second before the start"
     last = float(times[-1]) if times.size else start
-    silent = end is not None and end - last > known.largest_gap + known.largest_skew
-    found = None if silent else _stretch(times, forces, last, known)
-    no_after = _not_free(found, before, start)
-    after = None if no_after else found
+    silent = end is not None and end - last > limits.largest_gap + limits.largest_skew
+    last_rest = None if silent else _stretch(times, forces, last, limits)
+    no_after = _not_free(last_rest, before, start)
+    after = None if no_after else last_rest
     drift = None if after is None else after.mean - zero
     return RestForce(before, after, drift, no_before, no_after)
 
@@ -161,29 +161,29 @@ def _before(
     forces: NDArray[np.float64],
     start: float,
     zero: float,
-    known: Thresholds,
+    limits: Thresholds,
 ) -> HandleRest | None:
     tried = (start - _STEP * back for back in range(round((LOOK_BACK - REST_TIME) / _STEP) + 1))
     until = times.searchsorted(start)  # a sample at the start belongs to the run
-    stretches = (_stretch(times[:until], forces[:until], end, known) for end in tried)
-    told = [each for each in stretches if each is not None]
-    if not told:
+    stretches = (_stretch(times[:until], forces[:until], end, limits) for end in tried)
+    rests = [each for each in stretches if each is not None]
+    if not rests:
         return None
-    steady = _steady(min(each.deviation for each in told))
-    largest = min(steady, known.touch_force / 2)
-    quiet = [each for each in told if each.deviation <= largest]
-    near = [each for each in quiet if abs(each.mean - zero) <= known.touch_force]
+    steady = _steady(min(each.deviation for each in rests))
+    largest = min(steady, limits.touch_force / 2)
+    quiet = [each for each in rests if each.deviation <= largest]
+    near = [each for each in quiet if abs(each.mean - zero) <= limits.touch_force]
     return next(iter(near or quiet), None)
 
 
-def _not_free(found: HandleRest | None, before: HandleRest | None, start: float) -> str | None:
-    if found is None:
+def _not_free(last_rest: HandleRest | None, before: HandleRest | None, start: float) -> str | None:
+    if last_rest is None:
         return "too few samples, or a gap, in the last half second of the recording"
-    if found.begin < start:
+    if last_rest.begin < start:
         return "the recording ends within half a second of the start"
-    if found.deviation > _steady(0.0 if before is None else before.deviation):
+    if last_rest.deviation > _steady(0.0 if before is None else before.deviation):
         return "the handle was not free at the end of the recording"
-    if found.span == 0 and before is not None and before.span > 0:
+    if last_rest.span == 0 and before is not None and before.span > 0:
         return "the force does not change any more at the end of the recording"
     return None
 
@@ -194,7 +194,7 @@ def _steady(deviation: float) -> float:
 
 
 def _stretch(
-    times: NDArray[np.float64], forces: NDArray[np.float64], end: float, known: Thresholds
+    times: NDArray[np.float64], forces: NDArray[np.float64], end: float, limits: Thresholds
 ) -> HandleRest | None:
     """The samples in (end - half a second, end]; None if they do not suffice."""
     import numpy as np
@@ -204,6 +204,6 @@ def _stretch(
         return None
     within = times[first:last]
     gaps = np.diff(within, prepend=end - REST_TIME, append=end)
-    if gaps.max() > known.largest_gap:
+    if gaps.max() > limits.largest_gap:
         return None
     return rest_of(within.tolist(), forces[first:last].tolist())

@@ -52,16 +52,16 @@ class Uncertainty:
             the deviation divided by the root of that number, expanded by Student's t. None where a
             part is not known, there is none, or it is beyond the range of numbers.
         """
-        known = [part for part in parts if part is not None]
-        if not known or len(known) < len(parts):
+        uncertainties = [part for part in parts if part is not None]
+        if not uncertainties or len(uncertainties) < len(parts):
             return None
-        scatter = (deviation or 0.0) / math.sqrt(len(known))
-        u = math.hypot(*(part.u for part in known)) / len(known)
-        expanded = math.hypot(*(part.expanded for part in known)) / len(known)
+        scatter = (deviation or 0.0) / math.sqrt(len(uncertainties))
+        u = math.hypot(*(part.u for part in uncertainties)) / len(uncertainties)
+        expanded = math.hypot(*(part.expanded for part in uncertainties)) / len(uncertainties)
         if not math.isfinite(expanded):
             return None
-        rest = math.fsum(part.rest for part in known) / len(known)
-        return cls(max(u, scatter), max(expanded, _student(len(known) - 1) * scatter), rest)
+        rest = math.fsum(part.rest for part in uncertainties) / len(uncertainties)
+        return cls(max(u, scatter), max(expanded, _student(len(uncertainties) - 1) * scatter), rest)
 
 
 _STUDENT = (0.0, 12.71, 4.31, 3.19, 2.78, 2.58, 2.45, 2.37, 2.31, 2.27)
@@ -209,7 +209,7 @@ class Result:
     @property
     def lacks_steps(self) -> bool:
         """Whether a run that ended as completed has steps that do not count."""
-        return self.outcome is Outcome.COMPLETED and not all(one.done for one in self.steps)
+        return self.outcome is Outcome.COMPLETED and not all(step.done for step in self.steps)
 
     @property
     def ended(self) -> str:
@@ -229,14 +229,14 @@ class Result:
 
         rows = (
             {
-                "value": one.value,
-                "uncertainty": one.uncertainty and one.uncertainty.u,
-                "expanded_uncertainty": one.uncertainty and one.uncertainty.expanded,
-                "unit": one.unit,
-                "reason": one.reason or "",
-                "doubts": "; ".join(one.doubts),
+                "value": indicator.value,
+                "uncertainty": indicator.uncertainty and indicator.uncertainty.u,
+                "expanded_uncertainty": indicator.uncertainty and indicator.uncertainty.expanded,
+                "unit": indicator.unit,
+                "reason": indicator.reason or "",
+                "doubts": "; ".join(indicator.doubts),
             }
-            for one in self.indicators.values()
+            for indicator in self.indicators.values()
         )
         frame = DataFrame(rows, index=[*map(str, self.indicators)])
         return frame.astype(dict.fromkeys(frame.columns[:3], float))
@@ -246,8 +246,9 @@ class Result:
         from html import escape
 
         rows = (
-            "<tr><td>" + "<td>".join(map(escape, (name, one.text, "; ".join(one.doubts))))
-            for name, one in self.indicators.items()
+            "<tr><td>"
+            + "<td>".join(map(escape, (name, indicator.text, "; ".join(indicator.doubts))))
+            for name, indicator in self.indicators.items()
         )
         about = escape(f"{self.outcome}: {self.ended}, by {self.ruleset}")
         return f"<table><caption>{about}</caption>{''.join(rows)}</table>"
@@ -257,15 +258,15 @@ def doubts_of(
     indicators: Mapping[IndicatorName, Indicator],
 ) -> dict[str, tuple[IndicatorName, ...]]:
     """Each doubt on some indicators once, with those that it is on."""
-    found: dict[str, tuple[IndicatorName, ...]] = {}
-    for name, one in indicators.items():
-        for words in one.doubts:
-            found[words] = (*found.get(words, ()), name)
-    return found
+    names_of: dict[str, tuple[IndicatorName, ...]] = {}
+    for name, indicator in indicators.items():
+        for words in indicator.doubts:
+            names_of[words] = (*names_of.get(words, ()), name)
+    return names_of
 
 
 def distinguishable(
-    one: float, two: float, of_one: Uncertainty | None, of_two: Uncertainty | None
+    value: float, other: float, of_value: Uncertainty | None, of_other: Uncertainty | None
 ) -> bool:
     """Whether two values differ by more than what is known of their uncertainties (section 11).
 
@@ -273,15 +274,15 @@ def distinguishable(
     differ by as much. Where none is known of one of them, or neither has any, nothing says so.
 
     Args:
-        one: a value, or a mean of values.
-        two: the other one.
-        of_one: the uncertainty of the one.
-        of_two: and of the other.
+        value: one of the two, or a mean of values.
+        other: the second one.
+        of_value: the uncertainty of the first.
+        of_other: and of the second.
     """
-    if of_one is None or of_two is None:
+    if of_value is None or of_other is None:
         return True
-    both = of_one.expanded + of_two.expanded + abs(of_one.rest - of_two.rest)
-    return not both or abs(one - two) > both
+    both = of_value.expanded + of_other.expanded + abs(of_value.rest - of_other.rest)
+    return not both or abs(value - other) > both
 
 
 def value_text(value: float, uncertainty: Uncertainty | None = None) -> str:
@@ -338,8 +339,8 @@ def difference_text(difference: float, of: Iterable[Uncertainty | None], decimal
         of: the uncertainties of the two; None = not known.
         decimals: where none is known, or both are exact: then without zeros at the end.
     """
-    known = [each for each in of if each is not None]
-    widest = max(known, key=lambda each: each.expanded, default=None)
+    uncertainties = [each for each in of if each is not None]
+    widest = max(uncertainties, key=lambda each: each.expanded, default=None)
     if widest is not None and widest.expanded:
         return f"{difference:+.{decimals_left(widest)}f}"
     if isinstance(difference, int):

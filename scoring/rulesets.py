@@ -170,11 +170,11 @@ EUROBENCH_2020 = Ruleset(
 
 def ruleset(name: str) -> Ruleset:
     try:
-        known = RulesetName(name)
+        ruleset = RulesetName(name)
     except ValueError:
         allowed = " or ".join(RulesetName)
         raise ScoringError(f"ruleset {name!r} is not known: use --ruleset {allowed}") from None
-    match known:
+    match ruleset:
         case RulesetName.PROTOCOL:
             return PROTOCOL
         case RulesetName.EUROBENCH_2020:

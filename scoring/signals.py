@@ -83,8 +83,8 @@ class BinarySignal:
                 self.edges.append(Edge(start, True, None, self._began))
 
     def at(self, time: float) -> bool:
-        known = edges_until(self.edges, time)
-        return known > 0 and self.edges[known - 1].value
+        count = edges_until(self.edges, time)
+        return count > 0 and self.edges[count - 1].value
 
     def held(self, index: int) -> Held:
         edge = self.edges[index]
@@ -247,10 +247,10 @@ def first_rise(
 def door_edges(door: BinarySignal, touch: BinarySignal, end: float) -> Iterator[DecidingEdge]:
     """The opening after the touch, and the last closing up to `end`."""
     touched = touch.edges[0].time if touch.edges else door.edges[0].time if door.edges else end
-    known = edges_until(door.edges, touched)
-    for index in range(max(0, known - 1), min(known + 2, len(door.edges))):
+    count = edges_until(door.edges, touched)
+    for index in range(max(0, count - 1), min(count + 2, len(door.edges))):
         edge = door.edges[index]
-        if edge.value and (edge.time >= touched or index == known - 1):
+        if edge.value and (edge.time >= touched or index == count - 1):
             held = door.held(index)
             yield DecidingEdge(EdgeKind.OPENING, Signal.DOOR, edge.time, edge.since, held.readings)
             break
@@ -306,8 +306,8 @@ def departure(
     """
     here = {sensor: level for sensor, level in levels.items() if sensor.side is side}
     for sensor, level in (*here.items(), *levels.items()):  # the other side's may end the run
-        known = edges_until(level.edges, time)
-        if known and level.edges[known - 1].time == time and not level.edges[known - 1].value:
+        count = edges_until(level.edges, time)
+        if count and level.edges[count - 1].time == time and not level.edges[count - 1].value:
             return passage_edge(EdgeKind.DEPARTURE, levels, sensor, time)
     there = [
         (level.held(edges_until(level.edges, time) - 1), sensor)
@@ -316,7 +316,7 @@ def departure(
     ]
     if not there:
         return None
-    held, sensor = max(there, key=lambda one: one[0].readings)
+    held, sensor = max(there, key=lambda presence: presence[0].readings)
     alone = held.seconds if len({each.strip for _, each in there}) == 1 else None
     signal = Signal.of_strip(sensor.strip)
     return DecidingEdge(EdgeKind.DEPARTURE, signal, time, None, held.readings, alone)

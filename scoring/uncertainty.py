@@ -79,7 +79,11 @@ def uncertainties(
         spreads = {name: _spread(drawn) for name, drawn in errors.items()}
     exact = {Name.CAPABILITY_LEVEL: Uncertainty(0.0, 0.0)}
     if (force := spreads[Name.ROUGHNESS_OF_DOOR_ACTUATION]) is not None:
-        rests = [one.mean for one in (grounds.rest.before, grounds.rest.after) if one is not None]
+        rests = [
+            stretch.mean
+            for stretch in (grounds.rest.before, grounds.rest.after)
+            if stretch is not None
+        ]
         rest = _two_digits(max(rests, key=abs, default=0.0))
         spreads[Name.ROUGHNESS_OF_DOOR_ACTUATION] = replace(force, rest=rest)
     return dict.fromkeys(Name) | spreads | _times(grounds, indicators, times) | exact
@@ -249,10 +253,10 @@ def _motion(
         noise[draw] = error[near] @ response
     defined = drawn[0, np.isfinite(drawn[0])]
     drawn[0] -= defined.sum() / max(1, defined.size)  # no error: what encoder and noise always add
-    seen = (
+    with_noise = (
         signs * curve.under_noise(phases[:, :1], float(noise.std()) if tops.size else 0.0) + noise
     )
-    drawn[1] = np.abs(seen).max(axis=1, initial=0.0) - curve.top
+    drawn[1] = np.abs(with_noise).max(axis=1, initial=0.0) - curve.top
     for others in _alternatives(grounds, indicators):
         drawn += others[:, random.randint(0, others.shape[1], DRAWS)]
     return dict(zip(_MOTION, drawn, strict=True))
@@ -291,10 +295,10 @@ def _share_of_motion(lost: Array, noises: Sequence[Array]) -> float:
 def _jerks_in(grounds: Grounds, smooth: JointState, first: int, last: int) -> NDArray[np.intp]:
     """The later rows of the run's difference quotients that can be jerk; shape (m,)."""
     before, after = jerk_rows(grounds.joint, grounds.ruleset, grounds.thresholds)
-    kept = (after >= first) & (after <= last) & (before == after - 1)
-    known = np.isfinite(smooth.acceleration)
-    kept &= known[after] & known[before]
-    return np.compress(kept, after)
+    is_usable = (after >= first) & (after <= last) & (before == after - 1)
+    is_defined = np.isfinite(smooth.acceleration)
+    is_usable &= is_defined[after] & is_defined[before]
+    return np.compress(is_usable, after)
 
 
 def _angle_errors(
@@ -328,8 +332,8 @@ def _angle_errors(
 
 def _tops(size: Array, most: int) -> NDArray[np.intp]:
     """Places of the largest sizes that are not 0, in an order that all libraries give."""
-    known = np.flatnonzero(size > 0)
-    return np.sort(known[np.argsort(-size[known], kind="stable")[:most]])
+    nonzero = np.flatnonzero(size > 0)
+    return np.sort(nonzero[np.argsort(-size[nonzero], kind="stable")[:most]])
 
 
 def _peaks(size: Array) -> NDArray[np.intp]:

@@ -149,15 +149,15 @@ class Sweep:
 
     @classmethod
     def together(cls, sweeps: Iterable[Sweep]) -> Sweep:
-        found = tuple(sweeps)
+        parts = tuple(sweeps)
         return cls(
-            np.concatenate([sweep.door for sweep in found]),
-            sum(sweep.door_lost for sweep in found),
+            np.concatenate([sweep.door for sweep in parts]),
+            sum(sweep.door_lost for sweep in parts),
             {
                 sensor: Swept(
-                    np.concatenate([sweep.sensors[sensor].angle for sweep in found]),
-                    np.concatenate([sweep.sensors[sensor].distance for sweep in found]),
-                    sum(sweep.sensors[sensor].lost for sweep in found),
+                    np.concatenate([sweep.sensors[sensor].angle for sweep in parts]),
+                    np.concatenate([sweep.sensors[sensor].distance for sweep in parts]),
+                    sum(sweep.sensors[sensor].lost for sweep in parts),
                 )
                 for sensor in PASSAGE_SENSORS
             },
@@ -265,12 +265,12 @@ class PanelView:
         of_panel = possible & (angle > low - _EDGE) & (angle < high + _EDGE)
         if np.count_nonzero(of_panel) <= _allowed_strays(len(angle)):
             of_panel = np.zeros_like(present)
-        seen, nothing, strays = angle[of_panel], angle[~present], angle[present & ~of_panel]
-        ends = (float(seen[0]), float(seen[-1])) if len(seen) else None
+        panel_angles, nothing, strays = angle[of_panel], angle[~present], angle[present & ~of_panel]
+        ends = (float(panel_angles[0]), float(panel_angles[-1])) if len(panel_angles) else None
         return cls(
             sensor=sensor,
             readings=len(angle),
-            under=len(seen),
+            under=len(panel_angles),
             first=ends and ends[0],
             last=ends and ends[1],
             strays=len(strays),
@@ -289,11 +289,11 @@ class PanelView:
         """Why the readings are of no use; `panel` is the height by all sensors, m."""
         name, sign = sensor_name(self.sensor), self.sensor.side.sign
         if self.strays > _allowed_strays(self.readings):
-            seen = ""
+            stretch = ""
             if self.first is not None and self.last is not None:
-                seen = f"between {sign * self.first:.2f} and {sign * self.last:.2f} rad and "
+                stretch = f"between {sign * self.first:.2f} and {sign * self.last:.2f} rad and "
             return (
-                f"{name} saw something with the door {seen}{self.strays} times at about "
+                f"{name} saw something with the door {stretch}{self.strays} times at about "
                 f"{sign * self.stray_at:.2f} rad, which is no panel: sweep with nobody near"
             )
         if self.first is None or self.last is None:
@@ -401,8 +401,8 @@ def propose_masks(sweep: Sweep, thresholds: Thresholds) -> MaskProposal:
     _check_door(sweep.door, sweep.door_lost)
     _stop_at(_unread(sensor, swept) for sensor, swept in sweep.sensors.items())
     floors = {sensor: _floor(swept, thresholds) for sensor, swept in sweep.sensors.items()}
-    seen = [floor for floor in floors.values() if math.isfinite(floor)]
-    lintel = float(np.median(seen)) if seen else None
+    lintels = [floor for floor in floors.values() if math.isfinite(floor)]
+    lintel = float(np.median(lintels)) if lintels else None
     hanging = thresholds.lintel_height if lintel is None else lintel
     _stop_at(_blocked(sensor, floor, hanging) for sensor, floor in floors.items())
     views = [
@@ -464,10 +464,10 @@ def _blocked(sensor: PassageSensor, floor: float, lintel: float) -> str | None:
 
 
 def _stop_at(problems: Iterable[str | None]) -> None:
-    found = [problem for problem in problems if problem is not None]
-    if found:
-        more = f" ({len(found) - 1} more sensors are no better)" if found[1:] else ""
-        raise ScoringError(found[0] + more)
+    reasons = [problem for problem in problems if problem is not None]
+    if reasons:
+        more = f" ({len(reasons) - 1} more sensors are no better)" if reasons[1:] else ""
+        raise ScoringError(reasons[0] + more)
 
 
 def _angles(values: Iterable[float]) -> Angles:

@@ -49,8 +49,8 @@ def evaluate_published(
     ending = _ending(procedure, stop)
     events = run.events
     if stop is None and ending.stop is not None:
-        kept = tuple(e for e in events if e.time <= ending.stop)
-        events = (*kept, Event(ending.stop, EventName.BENCHMARK_STOP))
+        until_stop = tuple(e for e in events if e.time <= ending.stop)
+        events = (*until_stop, Event(ending.stop, EventName.BENCHMARK_STOP))
     elif stop is not None and not ruleset.passage_events_to_end:
         events = tuple(_until_stop(events, stop))
     wrench = run.wrench
@@ -99,15 +99,15 @@ def _missing_rows(run: EurobenchRun, stop: float | None, thresholds: Thresholds)
 
 
 def _made_otherwise(run: EurobenchRun, ruleset: Ruleset) -> Iterator[str]:
-    made = _rules_of(run)
-    name = "other rules" if made is None else made.name
+    rules = _rules_of(run)
+    name = "other rules" if rules is None else rules.name
     # the steps are always the protocol's
-    if made is None or _passage_rules(made) != _passage_rules(PROTOCOL):
+    if rules is None or _passage_rules(rules) != _passage_rules(PROTOCOL):
         yield (
             f"steps and outcome: judged by the passage events of {name}, which stand in the "
             "files; the recording may give another outcome"
         )
-    if made is None or _filter_rules(made) != _filter_rules(ruleset):
+    if rules is None or _filter_rules(rules) != _filter_rules(ruleset):
         yield (
             f"unsafety and smoothness: from acceleration as {name} filters it, which stands "
             "in the files; the recording gives other values"
@@ -118,8 +118,8 @@ def _filter_edges(run: EurobenchRun, ruleset: Ruleset, end: float) -> Iterator[s
     """A remark if the low-pass filter begins or ends within the run, where its files are cut."""
     joint = run.joint_state
     times = joint.time[np.isfinite(joint.acceleration)]
-    made = _rules_of(run)
-    if not (ruleset.cut_rows or (made is not None and made.cut_rows)):
+    rules = _rules_of(run)
+    if not (ruleset.cut_rows or (rules is not None and rules.cut_rows)):
         return
     sides = []
     if times[0] >= run.start_time:
@@ -179,15 +179,15 @@ def _ending(procedure: Procedure, stop: float | None) -> Ending:
 def _evidence(run: EurobenchRun, stop: float | None, thresholds: Thresholds) -> Evidence:
     closed = _last(run.events, EventName.DOOR_CLOSES)
     crossed = _last(run.events, EventName.moves_to(run.condition.destination_side))
-    seen = None
+    recorded_end = None
     if closed is not None and door_stays_closed(run.joint_state, closed, thresholds):
-        seen = recorded_until(run.joint_state, thresholds)
+        recorded_end = recorded_until(run.joint_state, thresholds)
     return Evidence(
         start=run.start_time,
         stop=stop,
         touched=_last(run.events, EventName.HANDLE_IS_TOUCHED),
         door=_edges(run.events, EventName.DOOR_OPENS, EventName.DOOR_CLOSES),
-        door_seen=seen,
+        door_seen=recorded_end,
         latch=_edges(run.events, EventName.DOOR_IS_LOCKED, EventName.DOOR_IS_UNLOCKED),
         latch_before_start=any(e.name is EventName.DOOR_IS_UNLOCKED for e in run.events),
         crossed=crossed if crossed is None or stop is None else min(crossed, stop),

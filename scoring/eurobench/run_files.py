@@ -211,8 +211,8 @@ def _kind(path: Path) -> int:
     lines = _read_text(path, LARGEST_TABLE).split("\n")
     first = next((line for line in lines if line.strip()), "")
     header = {cell.strip(' "\r') for cell in re.split("[,;]", first)}
-    told = (kind for kind, column in enumerate(_TOLD_BY) if column in header)
-    return next(told, len(_TOLD_BY))
+    kinds = (kind for kind, column in enumerate(_TOLD_BY) if column in header)
+    return next(kinds, len(_TOLD_BY))
 
 
 def door_stays_closed(joint: JointState, since: float, thresholds: Thresholds) -> bool:
@@ -337,10 +337,10 @@ def _condition(folder: Path, number: int, info_path: Path, info: Mapping[str, ob
     if any(key in info for key in CONDITION_KEYS):
         described[info_path] = info
     for path, mapping in described.items():
-        found = condition_from(mapping, str(path))
-        if found != condition:
+        stated = condition_from(mapping, str(path))
+        if stated != condition:
             raise ScoringError(
-                f"{path}: describes condition {found.number}, but the run's files are named after "
+                f"{path}: describes condition {stated.number}, but the run's files are named after "
                 f"condition {number}: correct one of them"
             )
     return condition

@@ -201,8 +201,8 @@ def _draw_maximum(axes: Axes, panel: Panel, window: Interval) -> bool:
 def _draw_marks(axes: Axes, events: Events, window: Interval) -> None:
     finest = (window[1] - window[0]) / (2 * _INNER)  # lines that cannot be told apart
     for mark, every in events.items():
-        found = np.array(inside(every, window))
-        times = found[np.unique(np.round(found / finest), return_index=True)[1]]
+        instants = np.array(inside(every, window))
+        times = instants[np.unique(np.round(instants / finest), return_index=True)[1]]
         line = axes.plot(
             np.repeat(times, 3),
             np.tile([0.0, 1.0, np.nan], times.size),

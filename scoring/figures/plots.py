@@ -172,9 +172,9 @@ def _described(
         if spec.clip is not None:
             yield f"{100 * np.mean(value > spec.clip):.2g} % above {spec.clip:g} {unit}"
     for mark, times in marks.items():
-        if told := inside(times, window):
-            first = ", ".join(f"{time:.2f}" for time in told[:_MOST_TOLD])
-            yield f"{mark} at {first} s" + (", and more" if len(told) > _MOST_TOLD else "")
+        if instants := inside(times, window):
+            first = ", ".join(f"{time:.2f}" for time in instants[:_MOST_TOLD])
+            yield f"{mark} at {first} s" + (", and more" if len(instants) > _MOST_TOLD else "")
 
 
 def _why_missing(run: _Run, figure: FigureSpec) -> str | None:
@@ -244,7 +244,7 @@ def _panel(
         value, limits = np.minimum(value, spec.clip), (0.0, spec.clip * 1.02)
     elif spec.peak and indicator is not None and (peak := largest_at(value)) is not None:
         maximum = f"maximum {_number(abs(value[peak]), indicator)} {unit_text(spec.unit)}"
-    known = indicator.uncertainty if indicator else None
+    uncertainty = indicator.uncertainty if indicator else None
     return Panel(
         f"{spec.label}, {unit_text(spec.unit)}",
         colour,
@@ -253,7 +253,7 @@ def _panel(
         maximum=maximum,
         mean=mean,
         limits=limits,
-        least=max(spec.least, 4 * known.expanded if known else 0.0),
+        least=max(spec.least, 4 * uncertainty.expanded if uncertainty else 0.0),
         band=_touch_band(run) if quantity is Quantity.FORCE else None,
         zone=run.rows.thresholds.closed_angle if spec.closed_zone else 0.0,
         note=note,

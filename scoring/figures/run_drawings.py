@@ -108,8 +108,8 @@ def stretches(
     time, value = time[finite], value[finite]
     broken = (np.diff(time) > largest_gap) | (np.diff(finite) > 1)
     stretch = np.concatenate(([0], np.cumsum(broken)))
-    kept = _extremes(value, most)
-    time, value, stretch = time[kept], value[kept], stretch[kept]
+    rows = _extremes(value, most)
+    time, value, stretch = time[rows], value[rows], stretch[rows]
     borders = np.flatnonzero(np.diff(stretch)) + 1
     return list(zip(np.split(time, borders), np.split(value, borders), strict=True))
 
@@ -121,13 +121,13 @@ def _extremes(value: Array, most: int) -> NDArray[np.intp]:
     parts = most // 2
     size, longer = divmod(value.size, parts)
     border = longer * (size + 1)  # the first parts have one row more
-    kept = []
+    extremes = []
     for begin, rows, width in ((0, value[:border], size + 1), (border, value[border:], size)):
         table = rows.reshape(-1, width)
         if table.size:
             first = begin + np.arange(len(table)) * width
-            kept += [first + table.argmin(axis=1), first + table.argmax(axis=1)]
-    return np.unique(np.concatenate(kept))
+            extremes += [first + table.argmin(axis=1), first + table.argmax(axis=1)]
+    return np.unique(np.concatenate(extremes))
 
 
 # The colours of the figures, the protocol document's; a page puts its own in their place.
@@ -169,10 +169,10 @@ class PassageFigure:
     def alternative(self) -> str:
         said = [f"{text} at {time:.2f} s" for time, text in self.marks]
         for lane in self.lanes:
-            told = [f"{a:.2f} to {min(b, self.window[1]):.2f} s" for a, b in lane.spans]
-            if (more := len(told) - _MOST_TOLD) > 0:
-                told[_MOST_TOLD:] = [f"and {more} more"]
-            said.append(f"{lane.name}: {', '.join(told) or 'never'}")
+            spans = [f"{a:.2f} to {min(b, self.window[1]):.2f} s" for a, b in lane.spans]
+            if (more := len(spans) - _MOST_TOLD) > 0:
+                spans[_MOST_TOLD:] = [f"and {more} more"]
+            said.append(f"{lane.name}: {', '.join(spans) or 'never'}")
         return "Passage sensors. " + "; ".join(said)
 
 
@@ -194,8 +194,8 @@ def passage_figure(result: Result, rows: Rows, condition: Condition) -> PassageF
     window = (max(0.0, min(finite) - _MARGIN), max(finite) + _MARGIN)
     begin = times.get(EventName.approaches(condition.starting_side))
     end = times.get(EventName.moves_to(condition.destination_side))
-    known = result.indicators[IndicatorName.DOOR_OCCUPATION_TIME].value is not None
-    whole = ((begin, end),) if known and begin is not None and end is not None else ()
+    is_timed = result.indicators[IndicatorName.DOOR_OCCUPATION_TIME].value is not None
+    whole = ((begin, end),) if is_timed and begin is not None and end is not None else ()
     sides = (condition.starting_side, condition.destination_side)
     sensors = [s for side in sides for s in PASSAGE_SENSORS if s.side is side]
     lanes = [
@@ -276,24 +276,24 @@ def phases_of(
     done: Mapping[Step, float], start: float, stop: float | None
 ) -> dict[TimedPhase, float]:
     """The phases of a run, in order; times in s. Without a `stop` the last one is not known."""
-    found: dict[TimedPhase, float] = {}
+    durations: dict[TimedPhase, float] = {}
     at = start
     for phase in TimedPhase:
         time = stop if phase.step is None else done.get(phase.step)
         if time is None and phase.step is not None:
             continue  # no step counts after one that does not
         if time is not None and (time > at or phase.step not in (None, Step.LOCK)):
-            found[phase] = max(0.0, time - at)
+            durations[phase] = max(0.0, time - at)
             at = max(at, time)
-    return found
+    return durations
 
 
 def median_phases(runs: Iterable[PhaseTimes]) -> dict[TimedPhase, float]:
     """The median of each phase over the runs that completed it."""
     every = list(runs)
-    known = {
+    by_phase = {
         phase: [run[phase] for run in every if phase in run]
         for phase in TimedPhase
         if phase.step is not None
     }
-    return {phase: statistics.median(times) for phase, times in known.items() if times}
+    return {phase: statistics.median(times) for phase, times in by_phase.items() if times}
