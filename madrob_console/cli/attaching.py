@@ -84,8 +84,10 @@ def attach(
             if (engine := _running(owned, role)) is not None:
                 return _checked(engine, arguments, settings)
         except NotYetError as error:
-            if late and (found := find_engine(owned.stem)) is not None:
-                raise MadrobError(f"the engine ({found.who}) {error}: {found.end_words}") from None
+            if late and (starting := find_engine(owned.stem)) is not None:
+                raise MadrobError(
+                    f"the engine ({starting.who}) {error}: {starting.end_words}"
+                ) from None
         else:
             if role is Role.WATCH or not may_start:
                 raise MadrobError(_NOTHING_TO_WATCH)
@@ -120,9 +122,9 @@ def _running(owned: Owned, role: Role) -> RemoteEngine | None:
     try:
         return RemoteEngine(owned.stem, role, who_am_i())
     except TimeoutError:
-        if (found := find_engine(owned.stem)) is not None:
+        if (engine := find_engine(owned.stem)) is not None:
             raise MadrobError(
-                f"the engine is there, but silent ({found.who}): {found.end_words}"
+                f"the engine is there, but silent ({engine.who}): {engine.end_words}"
             ) from None
     except OSError:
         pass  # there is none, or it has just ended
@@ -131,15 +133,15 @@ def _running(owned: Owned, role: Role) -> RemoteEngine | None:
 
 def _end_idle_practice(owned: Owned) -> None:
     """End the simulated engine that nobody uses in the results folder of a live testbed."""
-    for found in running_engines() if owned.kind is SourceKind.ROS else ():
-        answer = found.answer
+    for engine in running_engines() if owned.kind is SourceKind.ROS else ():
+        answer = engine.answer
         if answer is None or answer.against_stopping or not answer.wire:  # a `madrob run`
             continue
-        if (found.kind, found.results) == (SourceKind.SIMULATED, owned.results):
+        if (engine.kind, engine.results) == (SourceKind.SIMULATED, owned.results):
             with suppress(TimeoutError, MadrobError):
-                ask(found.stem, wire.Stop())  # refused if it is used by now
+                ask(engine.stem, wire.Stop())  # refused if it is used by now
             end = time.monotonic() + _ENDING_TIME
-            while time.monotonic() < end and find_engine(found.stem) is not None:
+            while time.monotonic() < end and find_engine(engine.stem) is not None:
                 time.sleep(_PERIOD)
 
 

@@ -88,18 +88,18 @@ def each_run(
     scheduler: str | None = getattr(arguments, "scheduler", None)
     work_on = partial(tried, work=work)
     if scheduler is None or not runs:
-        made = in_order(work_on, runs, _lost, arguments.jobs, at_once)
+        outcomes = in_order(work_on, runs, _lost, arguments.jobs, at_once)
     else:
         from madrob_console.cli.cluster import on_cluster
 
         named = [*(path.absolute() for path in arguments.paths), runs[0].path, runs[-1].path]
         there = [path for path in named if path.exists()]
-        made = on_cluster(work_on, runs, scheduler, there, _lost, at_once=at_once)
-    with closing(made), closing(counted_off(runs, "runs")) as counted:
-        for run, one in zip(counted, made, strict=True):
-            if one.problem:
-                bad.add_complaint(one.problem, run.name)
-            yield run, one.done
+        outcomes = on_cluster(work_on, runs, scheduler, there, _lost, at_once=at_once)
+    with closing(outcomes), closing(counted_off(runs, "runs")) as counted:
+        for run, outcome in zip(counted, outcomes, strict=True):
+            if outcome.problem:
+                bad.add_complaint(outcome.problem, run.name)
+            yield run, outcome.done
 
 
 def _lost(run: RunPath, why: str) -> Tried[Any]:
@@ -141,10 +141,10 @@ def standings(
     )
 
 
-def name_practice_alone(found: CompetitionStandings, collection: Collection) -> None:
+def name_practice_alone(published: CompetitionStandings, collection: Collection) -> None:
     """Print a note where official runs were asked for and there is practice only."""
     practice = sum(run.practice for run in collection.runs)
-    if found.official and practice and not any(run.official for run in collection.runs):
+    if published.official and practice and not any(run.official for run in collection.runs):
         complain(f"note: no official run, {practice} of practice: --practice shows them")
 
 
@@ -184,25 +184,25 @@ def find_runs(arguments: argparse.Namespace) -> None:
     """Replace the names of runs by their paths in all arguments that take runs."""
     for name in _ONE:
         if isinstance(named := getattr(arguments, name, None), Path):
-            setattr(arguments, name, _found(named, arguments))
+            setattr(arguments, name, _run_folder(named, arguments))
     if paths := getattr(arguments, "paths", None):
-        arguments.paths = [_found(path, arguments) for path in paths]
+        arguments.paths = [_run_folder(path, arguments) for path in paths]
     testbed: list[str] = getattr(arguments, "testbed", None) or []
     if testbed[:1] == [SourceKind.REPLAY]:
-        arguments.testbed = [testbed[0], str(_found(Path(testbed[1]), arguments))]
+        arguments.testbed = [testbed[0], str(_run_folder(Path(testbed[1]), arguments))]
 
 
-def _found(named: Path, arguments: argparse.Namespace) -> Path:
+def _run_folder(name: Path, arguments: argparse.Namespace) -> Path:
     """An existing path, or one that is no run name, is returned unchanged."""
     from madrob_console.archive.folders import PRACTICE_FOLDER, parse_folder_name
 
-    named = named.expanduser()
-    if parse_folder_name(str(named)) is None or named.exists():
-        return named
+    name = name.expanduser()
+    if parse_folder_name(str(name)) is None or name.exists():
+        return name
 
     settings = settings_of(arguments)
     results = results_folder(arguments, settings)
-    official, practice = results / named, results / PRACTICE_FOLDER / named
+    official, practice = results / name, results / PRACTICE_FOLDER / name
     if official.exists() and practice.exists():
-        raise MadrobError(f"{named}: two runs are called so: give {official} or {practice}")
+        raise MadrobError(f"{name}: two runs are called so: give {official} or {practice}")
     return practice if practice.exists() else official

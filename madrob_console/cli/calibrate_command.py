@@ -51,9 +51,9 @@ def _masks(arguments: argparse.Namespace) -> int:
     settings = load_settings(arguments.settings)
     with progress("recordings"):
         recordings = sweep_recordings(arguments.paths, settings)
-        found = masks_of(recordings, settings)
+        proposal = masks_of(recordings, settings)
     _note_problems(recordings)
-    return _propose(masks_toml(found), arguments.output)
+    return _propose(masks_toml(proposal), arguments.output)
 
 
 @command(

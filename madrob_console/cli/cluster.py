@@ -50,12 +50,12 @@ def versions() -> tuple[str, ...]:
     return (software_version(), *astuple(libraries_here()))
 
 
-def why_unfit(asked: tuple[str, ...], paths: Sequence[str] = ()) -> str | None:
+def why_unfit(wanted: tuple[str, ...], paths: Sequence[str] = ()) -> str | None:
     """Said by a worker: why its results would not be those of the asking machine; None = fits.
 
     `asked` are the versions of that machine; the worker must see the `paths`.
     """
-    for there, here in zip(versions(), asked, strict=True):
+    for there, here in zip(versions(), wanted, strict=True):
         if there != here:
             return (
                 f"has other versions ({there} there, {here} here), which round otherwise: install "
@@ -66,12 +66,12 @@ def why_unfit(asked: tuple[str, ...], paths: Sequence[str] = ()) -> str | None:
 
 
 def answer_of(
-    work: Callable[[_Item], _Done], item: _Item, asked: tuple[str, ...]
+    work: Callable[[_Item], _Done], item: _Item, wanted: tuple[str, ...]
 ) -> _Done | WrongVersion:
     """Do the work on an item, which may write files, if the worker fits."""
     from distributed import get_worker
 
-    why = why_unfit(asked)
+    why = why_unfit(wanted)
     return work(item) if why is None else WrongVersion(str(get_worker().contact_address), why)
 
 
@@ -117,8 +117,10 @@ class _ClusterWorkers(Generic[_Item, _Done]):
         if self._misfits:
             fitting = [each for each in self._client.nthreads() if each not in self._misfits]
             if not fitting:
-                *_, one = self._misfits.values()
-                raise MadrobError(f"no worker is left that fits: worker {one.worker} {one.why}")
+                *_, misfit = self._misfits.values()
+                raise MadrobError(
+                    f"no worker is left that fits: worker {misfit.worker} {misfit.why}"
+                )
         return self._client.submit(
             answer_of,
             self._work,
@@ -194,8 +196,8 @@ async def _ask(address: str) -> None:
     try:
         arguments = Security().get_connection_args("client")
         async with rpc(address, timeout=ANSWERS_WITHIN, connection_args=arguments) as there:
-            found = await asyncio.wait_for(there.identity(), ANSWERS_WITHIN)
-            if found["type"] == "Scheduler":
+            identity = await asyncio.wait_for(there.identity(), ANSWERS_WITHIN)
+            if identity["type"] == "Scheduler":
                 return
     except (OSError, ValueError, TypeError, KeyError, ImportError):
         pass
@@ -213,14 +215,14 @@ def _demand_fitting(client: Client, address: str, paths: Sequence[str]) -> None:
             f"--scheduler {address}: it has no workers: start `dask worker {address}`"
         ) from None
     try:
-        found: dict[str, object] = client.run(why_unfit, versions(), list(paths))
+        why_unfit_by_worker: dict[str, object] = client.run(why_unfit, versions(), list(paths))
     except Exception as error:  # noqa: BLE001  whatever it is, they cannot
         raise MadrobError(
             f"--scheduler {address}: its workers cannot run this program "
             f"({type(error).__name__}: {terminal_safe(str(error)[:200])}): install the same "
             "madrob-console there"
         ) from None
-    for worker, why in sorted(found.items()):
+    for worker, why in sorted(why_unfit_by_worker.items()):
         if why is not None:
             raise MadrobError(f"worker {worker} {why}")
 

@@ -97,7 +97,7 @@ def show(arguments: argparse.Namespace, role: Role, shown: Shown = Shown.SCREENS
         check_terminal(os.environ, (sys.__stdin__, sys.__stdout__), instead)
     own = options.results_folder(arguments, options.settings_of(arguments)).resolve()
     engines = engines_meant(arguments, own)
-    elsewhere = role is Role.REFEREE and any(one.results != own for one in engines)
+    elsewhere = role is Role.REFEREE and any(engine.results != own for engine in engines)
     if len(engines) > 1 or elsewhere:
         return ask_which(engines, "console" if role is Role.REFEREE else "watch", own)
     if engines:

@@ -116,7 +116,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         except HeldError as error:
             complain(error)
             return TAKEN if error.same else BAD_INPUT
-        server, known, holding = owns
+        server, answer, holding = owns
         with imports_kept():
             from madrob_console.cli.session import open_engine, reporting_of
             from madrob_console.engine.ipc.service import FallenThreads, begin_abort_over_ros
@@ -143,8 +143,8 @@ def _serve(arguments: argparse.Namespace) -> int:
                 engine.source.offer_abort(lambda: begin_abort_over_ros(local))
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: server.over.put(None))
-            known = replace(known, version=software_version(), testbed=engine.source.label)
-            server.admit_screens(local, known, _idle_time(arguments, settings, engine.source.kind))
+            answer = replace(answer, version=software_version(), testbed=engine.source.label)
+            server.admit_screens(local, answer, _idle_time(arguments, settings, engine.source.kind))
             repairing.start()
             keep_told(manager, local, run_words, server.over)
         finally:

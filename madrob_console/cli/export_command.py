@@ -86,18 +86,18 @@ def export(arguments: argparse.Namespace) -> int:
             contents = dossier_contents(arguments.run.absolute())
         else:
             settings = options.settings_of(arguments)
-            found = options.collection(arguments, settings)
-            teams = options.team_names(arguments, settings, found)
+            listed_runs = options.collection(arguments, settings)
+            teams = options.team_names(arguments, settings, listed_runs)
             contents = team_contents(
-                found,
+                listed_runs,
                 arguments.subject,
                 time.time(),
                 competition=arguments.competition,
                 practice=arguments.practice,
                 team=teams.get(arguments.subject, ""),
             )
-            complaints.add_each(found.unlisted)
-            notes = found.twins
+            complaints.add_each(listed_runs.unlisted)
+            notes = listed_runs.twins
     with progress("runs") as tell:
         packed = pack(
             contents,
@@ -108,10 +108,10 @@ def export(arguments: argparse.Namespace) -> int:
             tell_size=_tell_size,
         )
     others = [f"another name of the team, {words}" for words in contents.other_names]
-    return _told(packed, [*others, *notes]) or (BAD_INPUT if complaints.count else 0)
+    return _tell_outcome(packed, [*others, *notes]) or (BAD_INPUT if complaints.count else 0)
 
 
-def _told(export: Export, notes: Sequence[str]) -> int:
+def _tell_outcome(export: Export, notes: Sequence[str]) -> int:
     for problem in export.problems:
         complain(problem)
     for words in notes:
@@ -158,9 +158,9 @@ def rendered_report(run: Path, around: RelatedRuns) -> tuple[dict[str, bytes], l
     except MadrobError as error:
         return {}, [f"{REPORT_FILE}: cannot be made: {error}"]
     place = around.place_of(run, scored)
-    seen, new = stored_pictures(run), {}
-    if not seen:
-        seen = run_pictures(run, scored)
-        new = {f"{PICTURES_FOLDER}/{name}": data for name, data in seen.files.items()}
-    page = report_html(scored, software_version(), place, seen).encode()
+    pictures, new = stored_pictures(run), {}
+    if not pictures:
+        pictures = run_pictures(run, scored)
+        new = {f"{PICTURES_FOLDER}/{name}": data for name, data in pictures.files.items()}
+    page = report_html(scored, software_version(), place, pictures).encode()
     return {REPORT_FILE: page, **new}, []

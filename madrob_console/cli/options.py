@@ -282,12 +282,12 @@ def collection(arguments: argparse.Namespace, settings: Settings) -> Collection:
 
     paths = run_paths(arguments, settings)
     if arguments.paths:
-        found = collected(paths, arguments.testbed_name)
+        listed_runs = collected(paths, arguments.testbed_name)
     else:
-        found = collected_in(paths[0], arguments.testbed_name)
+        listed_runs = collected_in(paths[0], arguments.testbed_name)
     if arguments.competition not in (None, settings.competition.name):
-        demand_competition(arguments.competition, found.competitions)
-    return found
+        demand_competition(arguments.competition, listed_runs.competitions)
+    return listed_runs
 
 
 def run_paths(arguments: argparse.Namespace, settings: Settings) -> list[Path]:
@@ -337,11 +337,11 @@ def tell_problems(listed: TeamList | Plan) -> None:
 
 
 def team_names(
-    arguments: argparse.Namespace, settings: Settings, found: Collection
+    arguments: argparse.Namespace, settings: Settings, listed_runs: Collection
 ) -> Mapping[int, str]:
     """The list of teams for these runs; that of the settings holds for their competition only."""
     own, chosen = settings.competition.name, arguments.competition
-    of = found.competitions if chosen is None else {chosen}
+    of = listed_runs.competitions if chosen is None else {chosen}
     if arguments.teams is None and own and of and own not in of:
         return {}
     return team_list(arguments, settings).names

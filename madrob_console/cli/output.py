@@ -127,12 +127,12 @@ class SafeStream:
         Raises:
             BrokenPipeError: the reader has gone.
         """
-        with _told(self.raw_stream):
+        with _one_line_of_failure(self.raw_stream):
             self.raw_stream.write("\n".join(map(terminal_safe, text.split("\n"))))
         return len(text)
 
     def flush(self) -> None:
-        with _told(self.raw_stream):
+        with _one_line_of_failure(self.raw_stream):
             self.raw_stream.flush()
 
     def __getattr__(self, name: str) -> object:
@@ -151,7 +151,7 @@ def safe_output() -> Iterator[None]:
 
 def put_bytes(data: bytes) -> None:
     """Write data for a program to the standard output, unchanged; raises as `SafeStream.write`."""
-    with _told(sys.stdout):
+    with _one_line_of_failure(sys.stdout):
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()
 
@@ -173,7 +173,7 @@ def forget(stream: TextIO) -> None:
 
 
 @contextmanager
-def _told(stream: TextIO) -> Iterator[None]:
+def _one_line_of_failure(stream: TextIO) -> Iterator[None]:
     try:
         yield
     except BrokenPipeError:

@@ -53,11 +53,11 @@ class CommandHelp(argparse.HelpFormatter):
         )
 
 
-def _with_default(found: re.Match[str]) -> str:
+def _with_default(match: re.Match[str]) -> str:
     from madrob_console.config import Settings
 
-    default = getattr(getattr(Settings(), found[1]), found[2])
-    return f"{found[0]}, {_default_words(default)} by default"
+    default = getattr(getattr(Settings(), match[1]), match[2])
+    return f"{match[0]}, {_default_words(default)} by default"
 
 
 def _default_words(default: object) -> str:
@@ -113,15 +113,15 @@ class Parser(argparse.ArgumentParser):
 
 
 def none_of(text: str, choices: Iterable[str]) -> str:
-    known = list(choices)
-    near = _meant(text, known)
-    listed = "" if near and len(known) > _MANY else f", use {_either(known)}"
+    words = list(choices)
+    near = _meant(text, words)
+    listed = "" if near and len(words) > _MANY else f", use {_either(words)}"
     return f"there is no '{text}'{near}{listed}"
 
 
-def _meant(text: str, known: Iterable[str]) -> str:
+def _meant(text: str, choices: Iterable[str]) -> str:
     """The choice that the text begins, or else the most similar; empty = none is near."""
-    words = list(known)
+    words = list(choices)
     begun = [word for word in words if word.startswith(text)]
     near = begun if len(begun) == 1 else get_close_matches(text, words, n=1)
     return f", did you mean {near[0]}?" if near else ""
@@ -178,10 +178,10 @@ def period(text: str) -> float:
 
 
 def _measured(text: str, units: Mapping[str, float], what: str) -> float:
-    found = _MEASURE.fullmatch(text.strip())
-    if found is None or (unit := units.get(found[2])) is None:
+    match = _MEASURE.fullmatch(text.strip())
+    if match is None or (unit := units.get(match[2])) is None:
         raise argparse.ArgumentTypeError(f"'{text}' is no {what}")
-    return float(found[1]) * unit
+    return float(match[1]) * unit
 
 
 def number(text: str) -> float:

@@ -57,11 +57,11 @@ def plan(arguments: argparse.Namespace) -> int:
     chosen: str | None = arguments.competition
     competition = settings.competition.name if chosen is None else chosen
     collection = options.collection(arguments, settings)
-    found = plan_progress(listed, collection.runs, competition)
+    progress = plan_progress(listed, collection.runs, competition)
     if arguments.json:
-        put_bytes(plan_json(found, competition, teams, software_version()))
+        put_bytes(plan_json(progress, competition, teams, software_version()))
     else:
-        for line in plan_lines(found, competition, teams, time.time()):
+        for line in plan_lines(progress, competition, teams, time.time()):
             print(terminal_safe(line))
     for remark in collection.twins:
         complain(f"note: {remark}")

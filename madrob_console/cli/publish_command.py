@@ -65,19 +65,19 @@ def publish(arguments: argparse.Namespace) -> int:
         site = rehearsal_folder(site)
     try:
         with site_held(site):  # before the runs are read: nobody's older pages come after newer
-            found = options.collection(arguments, settings)
-            content = _content(arguments, settings, found, site)
+            listed_runs = options.collection(arguments, settings)
+            content = _content(arguments, settings, listed_runs, site)
             with progress("files") as tell:
                 written = write_site(site, site_files(content), tell)
     except SiteNotWrittenError as error:
         complain(error)
         return os.EX_TEMPFAIL
-    made = "no report of its result to show; `madrob report` makes it"
+    missing = "no report of its result to show; `madrob report` makes it"
     without = [run.folder for run in runs_without_report(content)]
-    name_some([f"{folder}: {made}" for folder in without], "runs without a report")
-    batch.name_practice_alone(content.standings, found)
+    name_some([f"{folder}: {missing}" for folder in without], "runs without a report")
+    batch.name_practice_alone(content.standings, listed_runs)
     with Complaints() as complaints:
-        complaints.add_each(found.unlisted)
+        complaints.add_each(listed_runs.unlisted)
         complaints.add_each((run.folder, run.problem) for run in content.runs if run.problem)
         for problem in written.unread:
             complaints.add_complaint(problem, problem.partition(":")[0])
@@ -87,7 +87,7 @@ def publish(arguments: argparse.Namespace) -> int:
 
 
 def _content(
-    arguments: argparse.Namespace, settings: Settings, found: Collection, site: Path
+    arguments: argparse.Namespace, settings: Settings, listed_runs: Collection, site: Path
 ) -> SiteContent:
     from madrob_console.common.version import software_version
     from madrob_console.pages.competition import entering_runs
@@ -95,15 +95,15 @@ def _content(
     from madrob_console.referee.competition_plan import plan_progress
 
     official = not arguments.practice
-    title, runs = entering_runs(found.runs, arguments.competition, official=official)
+    title, runs = entering_runs(listed_runs.runs, arguments.competition, official=official)
     plan = options.plan_list(arguments, settings)
-    teams = options.team_names(arguments, settings, found)
+    teams = options.team_names(arguments, settings, listed_runs)
     name = title if runs else settings.competition.name
     return SiteContent(
-        root=found.root,
+        root=listed_runs.root,
         runs=[run for run in runs if not run.twin and not run.never_ran],
-        standings=batch.standings(arguments, settings, found, teams),
-        plan=plan_progress(plan, found.runs, name) if plan.lines else None,
+        standings=batch.standings(arguments, settings, listed_runs, teams),
+        plan=plan_progress(plan, listed_runs.runs, name) if plan.lines else None,
         names=teams,
         software=software_version(),
         zips=frozenset(run.subject for run in runs if (site / zip_place(run.subject)).is_file()),

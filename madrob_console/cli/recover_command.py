@@ -93,24 +93,24 @@ def _journal_held(path: Path) -> Iterator[None]:
 def _line(path: Path, recovered: Recovered) -> str:
     count = f"{recovered.messages} messages"
     if recovered.cut:
-        told = (
+        state = (
             f"{count} kept; {_cut(recovered)}; the new file is {recovered.file}"
             f"{_old_one(recovered)}; {_scoring(path)}"
         )
     elif recovered.metadata is not None:
-        told = f"whole, {count}; metadata.yaml was written anew; {_scoring(path)}"
+        state = f"whole, {count}; metadata.yaml was written anew; {_scoring(path)}"
     elif recovered.changed:
-        told = f"whole, {count}"
+        state = f"whole, {count}"
     else:
-        told = f"whole, {count}; nothing was written"
-    return "; ".join([f"{path}: {told}", *_of_evidence(recovered)])
+        state = f"whole, {count}; nothing was written"
+    return "; ".join([f"{path}: {state}", *_of_evidence(recovered)])
 
 
 def _of_evidence(recovered: Recovered) -> Iterator[str]:
     for file in recovered.evidence:
         if file.cut:
-            kept = f"{file.messages} messages kept, {_cut(file)}{_old_one(file)}"
-            yield f"evidence {file.file.name}: {kept}"
+            state = f"{file.messages} messages kept, {_cut(file)}{_old_one(file)}"
+            yield f"evidence {file.file.name}: {state}"
     for words in recovered.hopeless:
         yield f"evidence stays as it is: {words}"
 

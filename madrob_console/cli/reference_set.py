@@ -71,8 +71,8 @@ class Expected:
             right = value is not None and self.lowest <= value <= self.highest
         if right:
             return None
-        found = f"no value ({reason})" if value is None else f"{value:.9g}"
-        return f"{found}, expected {wanted}"
+        actual = f"no value ({reason})" if value is None else f"{value:.9g}"
+        return f"{actual}, expected {wanted}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +183,7 @@ def _scored_reference(reference: Reference, path: Path) -> ReferenceScore:
         scored = score_recording(path, tuple(reference.indicators))
     except MadrobError as error:
         return ReferenceScore(reference, (str(error),), reference.values)
-    results = {one.result.ruleset: one.result for one in scored}
+    results = {scoring.result.ruleset: scoring.result for scoring in scored}
     first = scored[0].result
     off = []
     if first.outcome is not reference.outcome:
@@ -191,8 +191,8 @@ def _scored_reference(reference: Reference, path: Path) -> ReferenceScore:
     off += _steps_off(reference, first)
     for ruleset, expected in reference.indicators.items():
         for name, wanted in expected.items():
-            found: Indicator = results[ruleset].indicators[name]
-            problem = wanted.problem(found.value, found.reason)
+            indicator: Indicator = results[ruleset].indicators[name]
+            problem = wanted.problem(indicator.value, indicator.reason)
             if problem is not None:
                 off.append(f"{name} by {ruleset}: {problem}")
     return ReferenceScore(reference, tuple(off), len(off))

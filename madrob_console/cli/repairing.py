@@ -52,8 +52,8 @@ def write_report(folder: Path, scored: Scored, around: RelatedRuns) -> None:
     from madrob_console.common.version import software_version
     from madrob_console.pages.report import report_html
 
-    seen = renewed_pictures(folder, scored)
-    page = report_html(scored, software_version(), around.place_of(folder, scored), seen)
+    pictures = renewed_pictures(folder, scored)
+    page = report_html(scored, software_version(), around.place_of(folder, scored), pictures)
     try:
         with OpenFolder(folder) as opened:
             atomic_write(opened.inside / REPORT_FILE, page.encode())

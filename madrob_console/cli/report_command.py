@@ -99,8 +99,8 @@ def _page(path: Path, output: Path | None, around: RelatedRuns) -> Iterator[Name
     scored = score_opened(path)
     target = _target(path, output, REPORT_FILE)
     place = around.place_of(path, scored) if output is None else NOWHERE
-    seen = (renewed_pictures if output is None else run_pictures)(path, scored)
-    yield target, report_html(scored, software_version(), place, seen).encode()
+    pictures = (renewed_pictures if output is None else run_pictures)(path, scored)
+    yield target, report_html(scored, software_version(), place, pictures).encode()
 
 
 def _pictures(path: Path, pictures: PictureFormat, output: Path | None) -> Iterator[NamedFile]:
@@ -136,8 +136,8 @@ def _results(path: Path) -> Iterator[tuple[str, Result, Rows, Condition, Sequenc
         from madrob_console.pages.notes import unofficial_words
 
     if _published(path):
-        for one in score(path):
-            yield f"{one.path.name}_", one.result, one.result.rows, one.result.condition, ()
+        for part in score(path):
+            yield f"{part.path.name}_", part.result, part.result.rows, part.result.condition, ()
     else:
         scored = score_opened(path)
         record = scored.record

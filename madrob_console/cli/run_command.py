@@ -150,10 +150,10 @@ def run(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         more = () if reporting is None else reporting.workers
         stack.callback(Supervisor(*engine.workers, *more).close)
-        server, known, _ = stack.enter_context(owning(arguments, owned))
-        known = replace(known, version=software_version())
+        server, answer, _ = stack.enter_context(owning(arguments, owned))
+        answer = replace(answer, version=software_version())
         server.describe = lambda: replace(
-            known.with_run(engine.run, busy=engine.busy),
+            answer.with_run(engine.run, busy=engine.busy),
             testbed=label_of(
                 engine.source.label, practice=engine.run.practice, rehearsal=rehearsal
             ),
@@ -185,8 +185,8 @@ def _setup(
     condition = options.condition_of(arguments)
     number = arguments.run_number
     if number is None:
-        asked = engine.next_run_number(arguments.subject, condition.number, practice=practice)
-        number = asked.result()
+        proposal = engine.next_run_number(arguments.subject, condition.number, practice=practice)
+        number = proposal.result()
     referee = arguments.referee
     if referee is None:
         referee = settings.competition.referee

@@ -50,64 +50,64 @@ KILLING_TIME = 5.0
 _UNSEEN = "whether a run goes on cannot be seen"
 
 
-def _all_the_same(found: FoundEngine) -> str:
-    by_itself = found.answer is not None and not found.answer.wire  # `madrob run`
+def _all_the_same(engine: FoundEngine) -> str:
+    by_itself = engine.answer is not None and not engine.answer.wire  # `madrob run`
     what = "aborted and does not count" if by_itself else "cut off and kept as interrupted"
-    unsaved = found.answer is not None and found.answer.unsaved
+    unsaved = engine.answer is not None and engine.answer.unsaved
     lost = ", and what is not on disk by then is lost" if unsaved else ""
     return f"--force ends it all the same: a run that goes on is {what}{lost}"
 
 
 def status(*, as_json: bool) -> int:
     """Print one line for each engine of this user; exit code 1 if there is none."""
-    found = running_engines()
+    engines = running_engines()
     if as_json:
-        print_json({"engines": [_document(one) for one in found]})
-        return 0 if found else 1
-    for one in found:
-        print(status_line(one))
-        for remark in one.answer.remarks if one.answer else ():
+        print_json({"engines": [_document(engine) for engine in engines]})
+        return 0 if engines else 1
+    for engine in engines:
+        print(status_line(engine))
+        for remark in engine.answer.remarks if engine.answer else ():
             print(f"  {terminal_safe(remark)}")
-    if not found:
+    if not engines:
         print("no engine runs")
-    return 0 if found else 1
+    return 0 if engines else 1
 
 
-def _document(found: FoundEngine) -> dict[str, object]:
+def _document(engine: FoundEngine) -> dict[str, object]:
     """What `madrob engine status --json` says of an engine (`madrob guide data`)."""
-    known = found.answer or wire.WhoAnswer(phase="")
+    answer = engine.answer or wire.WhoAnswer(phase="")
     return {
-        "pid": found.pid,
-        "since": found.since,
-        "testbed": found.label,
-        "kind": found.kind,
-        "domain": found.domain,
-        "results": None if found.results is None else str(found.results),
-        "version": known.version or None,
-        "phase": known.phase or None,
-        "run": known.run or None,
-        "busy": known.busy,
-        "unsaved": known.unsaved,
-        "screens": known.screens,
-        "remarks": known.remarks,
-        "stop": found.stop_line,
+        "pid": engine.pid,
+        "since": engine.since,
+        "testbed": engine.label,
+        "kind": engine.kind,
+        "domain": engine.domain,
+        "results": None if engine.results is None else str(engine.results),
+        "version": answer.version or None,
+        "phase": answer.phase or None,
+        "run": answer.run or None,
+        "busy": answer.busy,
+        "unsaved": answer.unsaved,
+        "screens": answer.screens,
+        "remarks": answer.remarks,
+        "stop": engine.stop_line,
     }
 
 
-def status_line(found: FoundEngine) -> str:
-    parts = [found.who.replace(", ", ": ", 1)]
-    answer = found.answer
+def status_line(engine: FoundEngine) -> str:
+    parts = [engine.who.replace(", ", ": ", 1)]
+    answer = engine.answer
     if answer is None:
         parts.append("there, but silent")
     else:
-        known = answer.phase in list(Phase)
-        parts.append(PHASES[Phase(answer.phase)] if known else answer.phase)
+        is_phase = answer.phase in list(Phase)
+        parts.append(PHASES[Phase(answer.phase)] if is_phase else answer.phase)
         if answer.run:
             parts.append(answer.run)
         if answer.screens:
             parts.append("1 screen" if answer.screens == 1 else f"{answer.screens} screens")
-    if found.results is not None:
-        parts.append(f"runs in {found.results}")
+    if engine.results is not None:
+        parts.append(f"runs in {engine.results}")
     return terminal_safe(", ".join(parts))
 
 
@@ -118,23 +118,25 @@ def run_words(snapshot: Snapshot) -> str:
 def stop(arguments: argparse.Namespace) -> int:
     """End the named engines, or the only one; exit code 1 if one goes on or none is found."""
     wanted = _wanted(arguments)
-    found = running_engines()
-    chosen = [one for one in found if all(getattr(one, key) == wanted[key] for key in wanted)]
+    running = running_engines()
+    chosen = [
+        engine for engine in running if all(getattr(engine, key) == wanted[key] for key in wanted)
+    ]
     if not chosen:
         what = "the engine that is named does not run" if wanted else "no engine runs"
-        print(f"{what}; these do:" if found else what)
-        _list(found)
+        print(f"{what}; these do:" if running else what)
+        _list(running)
         return 1 if wanted else 0
     if len(chosen) > 1 and not arguments.all:
         print(f"{len(chosen)} engines run: name one of them, or end them with --all")
         _list(chosen)
         return 1
-    return max(_end(one, force=arguments.force) for one in chosen)
+    return max(_end(engine, force=arguments.force) for engine in chosen)
 
 
-def _list(found: Sequence[FoundEngine]) -> None:
-    for one in found:
-        print(f"  {status_line(one)}: {one.end_words}")
+def _list(engines: Sequence[FoundEngine]) -> None:
+    for engine in engines:
+        print(f"  {status_line(engine)}: {engine.end_words}")
 
 
 def _wanted(arguments: argparse.Namespace) -> dict[str, object]:
@@ -160,45 +162,45 @@ def _wanted(arguments: argparse.Namespace) -> dict[str, object]:
     return wanted
 
 
-def _end(found: FoundEngine, *, force: bool) -> int:
+def _end(engine: FoundEngine, *, force: bool) -> int:
     """End an engine, unless that needs a yes that is not given; 0 if it has ended."""
     try:
-        with process_of(found) as process:
-            return _end_process(found, process, force=force)
+        with process_of(engine) as process:
+            return _end_process(engine, process, force=force)
     except ProcessLookupError:
-        return _say(found, "ended")
+        return _say(engine, "ended")
 
 
-def _end_process(found: FoundEngine, process: int, *, force: bool) -> int:
-    answer = found.answer
+def _end_process(engine: FoundEngine, process: int, *, force: bool) -> int:
+    answer = engine.answer
     against = _UNSEEN if answer is None else answer.against_stopping
     if against and not force:
-        if not says_yes(f"{found.who}: {against}. End it all the same? [y/N] "):
-            return _say(found, f"goes on, {against}; {_all_the_same(found)}", 1)
+        if not says_yes(f"{engine.who}: {against}. End it all the same? [y/N] "):
+            return _say(engine, f"goes on, {against}; {_all_the_same(engine)}", 1)
         force = True
-    patience, told = ENDING_TIME, None
+    patience, reply = ENDING_TIME, None
     try:
         if answer is not None:
-            told = ask(found.stem, wire.Stop(force))
+            reply = ask(engine.stem, wire.Stop(force))
     except (TimeoutError, MadrobError):
         answer = None
-    if isinstance(told, wire.StopAnswer) and told.refused:
-        return _say(found, f"goes on, {terminal_safe(told.refused)}; {_all_the_same(found)}", 1)
+    if isinstance(reply, wire.StopAnswer) and reply.refused:
+        return _say(engine, f"goes on, {terminal_safe(reply.refused)}; {_all_the_same(engine)}", 1)
     if answer is None:
         patience = HANGING_TIME  # one that was stopped has to go on to end in order
         send_signals(process, signal.SIGTERM, signal.SIGCONT)
     if has_ended(process, patience):
         lost = answer is not None and answer.unsaved
-        return _say(found, "ended; what it could not write is lost" if lost else "ended")
-    _say(found, f"pid {found.pid} has not ended within {patience:g} s, it is killed")
+        return _say(engine, "ended; what it could not write is lost" if lost else "ended")
+    _say(engine, f"pid {engine.pid} has not ended within {patience:g} s, it is killed")
     send_signals(process, signal.SIGKILL)
     if has_ended(process, KILLING_TIME):
-        return _say(found, "ended; the next engine asks about a run that went on")
-    return _say(found, "goes on: the machine waits for a disk, and ends it when that answers", 1)
+        return _say(engine, "ended; the next engine asks about a run that went on")
+    return _say(engine, "goes on: the machine waits for a disk, and ends it when that answers", 1)
 
 
-def _say(found: FoundEngine, words: str, code: int = 0) -> int:
-    print(f"{found.label}: {words}", flush=True)
+def _say(engine: FoundEngine, words: str, code: int = 0) -> int:
+    print(f"{engine.label}: {words}", flush=True)
     return code
 
 
@@ -222,7 +224,7 @@ def owning(
 
         for remark in holding.remarks:
             complain(remark)
-        known = WhoAnswer(
+        answer = WhoAnswer(
             RELEASE,
             wire_version,
             results="" if owned.results is None else str(owned.results),
@@ -234,8 +236,8 @@ def owning(
             f"{os.getpid()}` ends it"
         )
         rejected = STARTING if wire_version else by_itself
-        with EngineServer(holding.listening, known, rejected) as server:
-            yield server, known, holding
+        with EngineServer(holding.listening, answer, rejected) as server:
+            yield server, answer, holding
 
 
 def _console_options(arguments: argparse.Namespace, owned: Owned) -> tuple[str, ...]:
@@ -265,9 +267,11 @@ def engines_meant(arguments: argparse.Namespace, results: Path) -> tuple[FoundEn
     """
     if any(getattr(arguments, name) != arguments.parser.get_default(name) for name in _NAMING):
         return ()
-    found = running_engines()
-    engines = tuple(one for one in found if one.answer is not None and one.answer.console)
-    return tuple(one for one in engines if one.results == results) or engines
+    running = running_engines()
+    engines = tuple(
+        engine for engine in running if engine.answer is not None and engine.answer.console
+    )
+    return tuple(engine for engine in engines if engine.results == results) or engines
 
 
 def mean(arguments: argparse.Namespace, engine: FoundEngine) -> None:
@@ -282,8 +286,8 @@ def ask_which(engines: Sequence[FoundEngine], command: str, results: Path) -> in
     """List the running engines and what to type for each; a console starts one for `results`."""
     count = "1 engine runs" if len(engines) == 1 else f"{len(engines)} engines run"
     complain(f"{count}: type the line of the one that you mean")
-    for one in engines:
-        print(f"  {status_line(one)}\n    {one.attach_line(command)}", file=sys.stderr)
+    for engine in engines:
+        print(f"  {status_line(engine)}\n    {engine.attach_line(command)}", file=sys.stderr)
     if command == "console":
         own = shlex.join(["madrob", command, "--results", str(results)])
         print(f"  none yet for the results folder of your settings\n    {own}", file=sys.stderr)

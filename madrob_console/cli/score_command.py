@@ -143,12 +143,14 @@ def _chosen(runs: list[RunPath], arguments: argparse.Namespace) -> list[RunPath]
     from madrob_console.archive.collection import demand_competition
     from madrob_console.archive.result_reader import competition_of
 
-    found = [(run, competition_of(run.path)) for run in runs]
-    for run, competition in found:
+    with_competition = [(run, competition_of(run.path)) for run in runs]
+    for run, competition in with_competition:
         if competition is None:
             complain(f"note: {run.name}: does not say of which competition it is, left out")
-    demand_competition(arguments.competition, {name for _, name in found if name is not None})
-    return [run for run, competition in found if competition == arguments.competition]
+    demand_competition(
+        arguments.competition, {name for _, name in with_competition if name is not None}
+    )
+    return [run for run, competition in with_competition if competition == arguments.competition]
 
 
 def _refuse_contradictions(arguments: argparse.Namespace) -> None:
@@ -188,8 +190,8 @@ def _describe(
         grades, held, unsure = _print(texts, as_json=arguments.json)
     if arguments.check and len(runs) > 1 and not arguments.json:
         only = f" ({held} only in doubts: the values hold)" if held else ""
-        told = {Grade.DIFFERS: f"differ{only}"}
-        counts = (f"{grades[grade]} {told.get(grade, grade)}" for grade in Grade)
+        words_of_grade = {Grade.DIFFERS: f"differ{only}"}
+        counts = (f"{grades[grade]} {words_of_grade.get(grade, grade)}" for grade in Grade)
         more = f"; of {unsure} the uncertainties differ" if unsure else ""
         print(f"{', '.join(counts)}, {bad.count} could not be checked{more}")
     if grades[Grade.DIFFERS]:
@@ -217,19 +219,19 @@ def _print(
     same: list[tuple[str, str]] = []
     if as_json:
         print('{\n  "runs": [', end="")
-    for run, one in texts:
-        if one is None:
+    for run, text in texts:
+        if text is None:
             continue
-        if one.run_id and (first := met.setdefault(one.run_id, run.name)) != run.name:
+        if text.run_id and (first := met.setdefault(text.run_id, run.name)) != run.name:
             same.append((run.name, first))
         if as_json:
             before = "," if grades else ""
-            print(before, indent(one.text, "    "), sep="\n", end="", flush=True)
+            print(before, indent(text.text, "    "), sep="\n", end="", flush=True)
         else:
-            print(one.text, flush=True)
-        grades[one.grade] += 1
-        held += one.values_hold
-        unsure += one.uncertainties
+            print(text.text, flush=True)
+        grades[text.grade] += 1
+        held += text.values_hold
+        unsure += text.uncertainties
     if as_json:
         print("\n  ]\n}" if grades else "]\n}")
     name_twins(same)
@@ -261,10 +263,10 @@ def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: boo
     scored = score_run(run, rules)
     if as_json:
         return RunText(_json(run, _document(scored)), run_id=scored[0].label.run_id)
-    results = [one.result for one in scored]
-    found = scored[0].flags
+    results = [each.result for each in scored]
+    flags = scored[0].flags
     lines = (
-        result_lines(results[0], found) if len(results) == 1 else comparison_lines(results, found)
+        result_lines(results[0], flags) if len(results) == 1 else comparison_lines(results, flags)
     )
     text = "\n".join([terminal_safe(run.name), *(f"  {line}" for line in lines)])
     return RunText(text, run_id=scored[0].label.run_id)
@@ -275,20 +277,20 @@ def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
 
     from madrob_console.cli.score_output import difference
 
-    told = {"flags": msgspec.to_builtins(scored[0].flags)}
+    flags = {"flags": msgspec.to_builtins(scored[0].flags)}
     label: dict[str, Any] = msgspec.to_builtins(scored[0].label)
     if len(scored) == 1:
-        return label | _content(scored[0].result) | told
+        return label | _content(scored[0].result) | flags
     first, *others = (each.result for each in scored)
     differences: dict[str, Any] = {}
-    for name, one in first.indicators.items():
-        by = {other.ruleset: difference(one, other.indicators[name]) for other in others}
+    for name, indicator in first.indicators.items():
+        by = {other.ruleset: difference(indicator, other.indicators[name]) for other in others}
         differences[name] = by if len(others) > 1 else next(iter(by.values()))
     return {
         **label,
         "rulesets": {result.ruleset: _content(result) for result in (first, *others)},
         "differences": differences,
-        **told,
+        **flags,
     }
 
 
@@ -310,10 +312,10 @@ def _checked(run: RunPath, *, as_json: bool) -> RunText:
     if as_json:
         text = _json(run, checked.content())
     else:
-        found = [each.words for each in checked.differences_of(checked.grade)]
+        differences = [each.words for each in checked.differences_of(checked.grade)]
         if checked.uncertainties:
-            found.append(checked.uncertainty_words)
-        lines = [f"{run.name}: {checked.words}", *(f"  {words}" for words in found)]
+            differences.append(checked.uncertainty_words)
+        lines = [f"{run.name}: {checked.words}", *(f"  {words}" for words in differences)]
         text = "\n".join(map(terminal_safe, lines))
     return RunText(
         text,

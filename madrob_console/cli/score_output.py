@@ -51,7 +51,7 @@ def fresh_rows(run: RunPath, *, rules: tuple[RulesetName | None, ...]) -> FreshR
 
     scored = fresh_runs(run, rules)
     rows = {
-        table.name: [row for one in scored for row in rows_of(table, one)] for table in RUN_TABLES
+        table.name: [row for each in scored for row in rows_of(table, each)] for table in RUN_TABLES
     }
     return FreshRows(rows, scored[0].label.run_id)
 
@@ -75,13 +75,13 @@ def write_tables(
             file = stack.enter_context(whole_file(part / f"{table.name}.csv"))
             writers[table.name] = stack.enter_context(closing(TableWriter(file, table)))
         work = partial(fresh_rows, rules=rules)
-        for run, one in stack.enter_context(closing(each_run(arguments, work, runs, bad))):
-            if one is None:
+        for run, fresh in stack.enter_context(closing(each_run(arguments, work, runs, bad))):
+            if fresh is None:
                 continue
-            if one.run_id and (place := places.setdefault(one.run_id, run.name)) != run.name:
+            if fresh.run_id and (place := places.setdefault(fresh.run_id, run.name)) != run.name:
                 twins.append((run.name, place))
                 continue
-            for name, rows in one.rows.items():
+            for name, rows in fresh.rows.items():
                 writers[name].write_rows(rows)
         writers[UNREADABLE.name].write_rows(bad.rows)
         name_twins(twins)
@@ -110,9 +110,9 @@ _DECIMALS = 6
 _NONE, _SPREAD = "-", "+-"
 
 
-def result_lines(result: Result, found: Sequence[Flag] = ()) -> Iterator[str]:
+def result_lines(result: Result, flags: Sequence[Flag] = ()) -> Iterator[str]:
     yield f"{_outcome(result)}, ruleset {result.ruleset}"
-    yield from flag_lines(found)
+    yield from flag_lines(flags)
     if reason := common_reason(result.indicators):
         yield f"indicators: none: {reason}"
     for name, indicator in () if reason else result.indicators.items():
@@ -128,28 +128,28 @@ def doubt_lines(result: Result) -> Iterator[str]:
         yield terminal_safe(f"doubt: {words} ({', '.join(name.words for name in on)})")
 
 
-def flag_lines(found: Sequence[Flag]) -> Iterator[str]:
-    if found:
-        yield terminal_safe(f"flags: {'; '.join(flag.words for flag in found)}")
+def flag_lines(flags: Sequence[Flag]) -> Iterator[str]:
+    if flags:
+        yield terminal_safe(f"flags: {'; '.join(flag.words for flag in flags)}")
 
 
-def comparison_lines(results: Sequence[Result], found: Sequence[Flag] = ()) -> Iterator[str]:
+def comparison_lines(results: Sequence[Result], flags: Sequence[Flag] = ()) -> Iterator[str]:
     """The results of one run by several rulesets, side by side.
 
     Each but the first is followed by its difference to the first, whose value is subtracted.
     """
     first, *others = results
     yield _outcome(first)
-    yield from flag_lines(found)
+    yield from flag_lines(flags)
     heads = [first.ruleset, _SPREAD]
     for other in others:
         heads += [other.ruleset, _SPREAD, "difference"]
     rows = [["", *heads, ""]]
-    for name, one in first.indicators.items():
-        cells = [name.words, *_value_and_spread(one)]
+    for name, indicator in first.indicators.items():
+        cells = [name.words, *_value_and_spread(indicator)]
         for two in (other.indicators[name] for other in others):
-            cells += [*_value_and_spread(two), _difference(one, two)]
-        rows.append([*cells, one.unit])
+            cells += [*_value_and_spread(two), _difference(indicator, two)]
+        rows.append([*cells, indicator.unit])
     yield from _aligned(rows)
     for each in results:
         if reason := common_reason(each.indicators):
@@ -161,9 +161,9 @@ def comparison_lines(results: Sequence[Result], found: Sequence[Flag] = ()) -> I
     yield from _notes(first)
 
 
-def difference(one: Indicator, two: Indicator) -> float | int | None:
+def difference(first: Indicator, second: Indicator) -> float | int | None:
     """The second value minus the first, in their unit; None where one has no value."""
-    return None if one.value is None or two.value is None else two.value - one.value
+    return None if first.value is None or second.value is None else second.value - first.value
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
@@ -194,22 +194,22 @@ def _notes(result: Result) -> Iterator[str]:
 
 def _value(indicator: Indicator) -> str:
     """With the digits that its uncertainty leaves; where that is 0, all significant ones."""
-    value, known = indicator.value, indicator.uncertainty
+    value, uncertainty = indicator.value, indicator.uncertainty
     if value is None:
         return _NONE
-    if known is None:
+    if uncertainty is None:
         return _number(value)
-    return value_text(value, known) if known.expanded else without_zeros(_number(value))
+    return value_text(value, uncertainty) if uncertainty.expanded else without_zeros(_number(value))
 
 
-def _difference(one: Indicator, two: Indicator) -> str:
+def _difference(first: Indicator, second: Indicator) -> str:
     """With the digits that the larger of the two uncertainties leaves."""
-    by = difference(one, two)
+    by = difference(first, second)
     if by is None:
         return _NONE
     if not by:
         return "="
-    return difference_text(by, (one.uncertainty, two.uncertainty), _DECIMALS)
+    return difference_text(by, (first.uncertainty, second.uncertainty), _DECIMALS)
 
 
 def _number(value: float) -> str:

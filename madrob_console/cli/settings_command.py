@@ -29,6 +29,8 @@ def settings(arguments: argparse.Namespace) -> int:
     load_settings(arguments.settings).mappings()  # a file that is there has to be right
     print(example_toml(), flush=True)
     file: Path = arguments.settings or default_settings_path()
-    told = f"{file}: read, it is fine" if file.exists() else f"{file}: not there, the defaults hold"
-    print(terminal_safe(told), file=sys.stderr)
+    state = (
+        f"{file}: read, it is fine" if file.exists() else f"{file}: not there, the defaults hold"
+    )
+    print(terminal_safe(state), file=sys.stderr)
     return 0

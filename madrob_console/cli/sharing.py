@@ -76,18 +76,18 @@ def results(
                 alone = bool(suspects) if not waiting else alone
                 room = 0 if suspects or alone else ahead - len(waiting) - len(ready)
                 chosen = [suspects.pop()] if alone and not waiting else islice(left, max(room, 0))
-                waiting.update({workers.hand_out(items[one]): one for one in chosen})
+                waiting.update({workers.hand_out(items[place]): place for place in chosen})
                 for handle in workers.wait(list(waiting)):
-                    one = waiting.pop(handle)
+                    place = waiting.pop(handle)
                     try:
-                        ready[one] = workers.answer(handle)
+                        ready[place] = workers.answer(handle)
                     except AgainError:
-                        waiting[workers.hand_out(items[one])] = one
+                        waiting[workers.hand_out(items[place])] = place
                     except DeadWorkerError as error:
                         if alone:
-                            ready[one] = lost(items[one], str(error))
+                            ready[place] = lost(items[place], str(error))
                         else:
-                            suspects.append(one)
+                            suspects.append(place)
             yield ready.pop(number)
     finally:
         workers.cancel(list(waiting))

@@ -113,10 +113,10 @@ def _events(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]:
         yield now.time, f"an earlier run is opened: {_who(now)}" if now.opened else _standing(now)
     else:
         yield from _run_events(before, now)
-    seen = before.log[-1].number if before.log else -1
+    newest = before.log[-1].number if before.log else -1
     for line in now.log:
         decision = line.origin in (Origin.REFEREE, Origin.REMOTE) or line.weight is Weight.ALARM
-        if line.number > seen and decision and not line.text.startswith(_TOLD):
+        if line.number > newest and decision and not line.text.startswith(_TOLD):
             yield line.time, line.text
     for fault in _without(now.faults, before.faults):
         yield now.time, f"fault: {fault}"
@@ -141,8 +141,8 @@ def _run_events(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]:
 
 
 def _without(faults: Sequence[str], others: Sequence[str]) -> list[str]:
-    known = set(map(_numberless, others))
-    return [fault for fault in faults if _numberless(fault) not in known]
+    without_numbers = set(map(_numberless, others))
+    return [fault for fault in faults if _numberless(fault) not in without_numbers]
 
 
 def _phase_event(before: Snapshot, now: Snapshot) -> Iterator[tuple[float, str]]:

@@ -68,9 +68,9 @@ def standings(arguments: argparse.Namespace) -> int:
         )
 
     makers: dict[str, Callable[[CompetitionStandings], bytes]] = {
-        "--csv": lambda found: standings_csv(found).encode(),
-        "--json": lambda found: standings_json(found, software_version()),
-        "--html": lambda found: standings_html(found, software_version()).encode(),
+        "--csv": lambda competition: standings_csv(competition).encode(),
+        "--json": lambda competition: standings_json(competition, software_version()),
+        "--html": lambda competition: standings_html(competition, software_version()).encode(),
     }
     file, output = arguments.file, arguments.output
     if output is not None and file is None:
@@ -82,17 +82,19 @@ def standings(arguments: argparse.Namespace) -> int:
     if file is None and not details:
         arguments.best = 1
     teams = options.team_names(arguments, settings, collection)
-    found = batch.standings(arguments, settings, collection, teams)
+    competition = batch.standings(arguments, settings, collection, teams)
     if file is None:
-        for line in (standings_details if details else standings_lines)(found):
+        for line in (standings_details if details else standings_lines)(competition):
             print(terminal_safe(line))
     elif output is None:
-        put_bytes(makers[file](found))
+        put_bytes(makers[file](competition))
     else:
-        atomic_write(output, makers[file](found))
+        atomic_write(output, makers[file](competition))
         print(terminal_safe(str(output)))
-    batch.name_practice_alone(found, collection)
+    batch.name_practice_alone(competition, collection)
     with Complaints() as complaints:
         complaints.add_each(collection.unlisted)
-        complaints.add_each((run.folder, run.problem) for run in found.left_out if run.problem)
+        complaints.add_each(
+            (run.folder, run.problem) for run in competition.left_out if run.problem
+        )
     return BAD_INPUT if complaints.count else 0

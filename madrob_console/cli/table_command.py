@@ -85,20 +85,20 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
     to_terminal = output == _STDOUT
     settings = options.settings_of(arguments)
     demand_results(arguments, settings)
-    found = options.collection(arguments, settings)
+    listed_runs = options.collection(arguments, settings)
     wanted = arguments.competition
     with ExitStack() as stack:
         bad = stack.enter_context(Complaints())
-        bad.add_each(found.unlisted)
+        bad.add_each(listed_runs.unlisted)
         file: Sink = _StandardOutput() if to_terminal else stack.enter_context(whole_file(output))
         writer = stack.enter_context(closing(TableWriter(file, table)))
         rows_are_seen = to_terminal and sys.stdout.isatty()  # a bar among them would spoil them
-        for one in found.runs if rows_are_seen else counted_off(found.runs, "runs"):
-            run = RunPath(found.root / one.folder)
-            if not one.twin and wanted in (None, one.competition):
+        for listed in listed_runs.runs if rows_are_seen else counted_off(listed_runs.runs, "runs"):
+            run = RunPath(listed_runs.root / listed.folder)
+            if not listed.twin and wanted in (None, listed.competition):
                 with bad.complaining(run.name):
                     writer.write_rows(rows_of(table, stored_run(run)))
-    name_twins([(one.folder, one.twin) for one in found.runs if one.twin])
+    name_twins([(listed.folder, listed.twin) for listed in listed_runs.runs if listed.twin])
     if not to_terminal:
         print(terminal_safe(str(output)))
     return BAD_INPUT if bad.count else 0

@@ -109,22 +109,24 @@ def handle_recording(path: Path, mapping: TopicMapping) -> CalibrationRecording:
 
 def level_of(recording: CalibrationRecording) -> SteadyForce:
     guard = StampGuard()
-    found = [
+    samples = [
         sample
         for each in recording.samples()
         if isinstance(sample := guard.admit(each), HandleSample)
     ]
-    return SteadyForce.of(str(recording.path), [s.time for s in found], [s.force for s in found])
+    return SteadyForce.of(
+        str(recording.path), [s.time for s in samples], [s.force for s in samples]
+    )
 
 
-def masks_toml(found: MaskProposal) -> str:
-    low, high = found.swept
-    panel = "too close" if found.panel_height is None else f"{found.panel_height:.3f} m high"
+def masks_toml(proposal: MaskProposal) -> str:
+    low, high = proposal.swept
+    panel = "too close" if proposal.panel_height is None else f"{proposal.panel_height:.3f} m high"
     lines = [
         f"# Door swept from {low:.3f} to {high:.3f} rad; the panel is {panel}.",
         "# sensor                readings  of the panel  first, rad  last, rad  strays",
     ]
-    for view in found.views:
+    for view in proposal.views:
         name = f"# {sensor_name(view.sensor):<20}  {view.readings:>8}  "
         if view.first is None or view.last is None:
             lines.append(f"{name}never sees the panel: no mask; {view.strays} strays")
@@ -133,26 +135,26 @@ def masks_toml(found: MaskProposal) -> str:
         lines.append(f"{name}{view.under:>12}  {angles}  {view.strays:>6}")
     lines.append("# These lines belong into the table [thresholds] of the settings file.")
     lines.append("[thresholds]")
-    if found.lintel_height is None:
+    if proposal.lintel_height is None:
         lines.append("# lintel_height stays: no sensor sees the floor")
     else:
-        lines.append(_line("lintel_height", found.lintel_height))
+        lines.append(_line("lintel_height", proposal.lintel_height))
     lines += [
-        _line("mask_from", found.mask_from),
-        _line("mask_to_cw", found.mask_to(Side.CW)),
-        _line("mask_to_ccw", found.mask_to(Side.CCW)),
+        _line("mask_from", proposal.mask_from),
+        _line("mask_to_cw", proposal.mask_to(Side.CW)),
+        _line("mask_to_ccw", proposal.mask_to(Side.CCW)),
     ]
     return _checked(lines)
 
 
-def handle_toml(found: HandleProposal, mapping: TopicMapping) -> str:
-    unit = abs(found.scale)
+def handle_toml(proposal: HandleProposal, mapping: TopicMapping) -> str:
+    unit = abs(proposal.scale)
     lines = [
         f"# {name}: {level.samples} samples in {level.duration:.1f} s, median {level.median:.6g}, "
         f"noise {level.noise * unit:.3f} N, drift {level.drift * unit:+.3f} N"
-        for name, level in (("rest", found.rest), ("weight", found.weight))
+        for name, level in (("rest", proposal.rest), ("weight", proposal.weight))
     ]
-    if found.scale * mapping.scale < 0:
+    if proposal.scale * mapping.scale < 0:
         lines += [
             "# WRONG SIGN: positive must push towards CCW, and the settings so far have it the",
             "# other way round. Unless --towards named the wrong side, this scale mends it.",
@@ -160,19 +162,19 @@ def handle_toml(found: HandleProposal, mapping: TopicMapping) -> str:
     lines += [
         "# This replaces the [[topics]] of the handle force in the settings file, if it has one.",
         "[[topics]]",
-        *(_line(key, value) for key, value in _handle_topic(found, mapping).items()),
+        *(_line(key, value) for key, value in _handle_topic(proposal, mapping).items()),
     ]
     return _checked(lines)
 
 
-def _handle_topic(found: HandleProposal, mapping: TopicMapping) -> dict[str, object]:
+def _handle_topic(proposal: HandleProposal, mapping: TopicMapping) -> dict[str, object]:
     return {
         "signal": mapping.signal,
         "topic": mapping.topic,
         "type": mapping.type,
         "field": mapping.field,
-        "scale": float(f"{found.scale:.9g}"),
-        "offset": float(f"{found.offset:.9g}"),
+        "scale": float(f"{proposal.scale:.9g}"),
+        "offset": float(f"{proposal.offset:.9g}"),
     }
 
 

@@ -76,12 +76,12 @@ def tidy(arguments: argparse.Namespace) -> int:
     if free is None:
         raise MadrobError(f"{root}: its disk does not say how much is free; try again")
     now = time.time()
-    found = evidence_at(root, limits, now, free)
-    for line in _lines(found, now):
+    evidence = evidence_at(root, limits, now, free)
+    for line in _lines(evidence, now):
         print(terminal_safe(line))
-    going = [one for one in found if not one.why_kept]
-    room = sum(one.size for one in going)
-    stays = format_size(sum(one.size for one in found) - room)
+    going = [run for run in evidence if not run.why_kept]
+    room = sum(run.size for run in going)
+    stays = format_size(sum(run.size for run in evidence) - room)
     then = f"{format_size(free)} free now, {format_size(free + room)} then"
     runs = counted(len(going), "run")
     print(f"evidence of {runs}, {format_size(room)}, can go; {stays} stay; {then}")
@@ -117,10 +117,10 @@ def _lacking(limits: TidyLimits, free: float) -> str:
     return f"--until-free {format_size(wanted)} is not reached: {lacking} are lacking"
 
 
-def _lines(found: Sequence[RunEvidence], now: float) -> list[str]:
+def _lines(evidence: Sequence[RunEvidence], now: float) -> list[str]:
     rows = [
-        (one.run.folder, _age(now - one.run.started), format_size(one.size), one.why_kept)
-        for one in found
+        (each.run.folder, _age(now - each.run.started), format_size(each.size), each.why_kept)
+        for each in evidence
     ]
     longest = max((len(row[0]) for row in rows), default=0)
     return [
@@ -140,15 +140,15 @@ def _remove(going: Sequence[RunEvidence], root: Path, limits: TidyLimits) -> int
 
     removed: list[RunEvidence] = []
     with Complaints() as bad:
-        for one in counted_off(going, "runs"):
-            with bad.complaining(one.folder):
-                remove_evidence(one, time.time())
-                removed.append(one)
-        reported = filter(has_report, (one.folder for one in removed))
+        for each in counted_off(going, "runs"):
+            with bad.complaining(each.folder):
+                remove_evidence(each, time.time())
+                removed.append(each)
+        reported = filter(has_report, (each.folder for each in removed))
         for problem in renew_reports(reported, RelatedRuns()):
             bad.add_complaint(problem, problem.partition(":")[0])
     free = free_space(root)
-    total = format_size(sum(one.size for one in removed))
+    total = format_size(sum(each.size for each in removed))
     left = "" if free is None else f"; {format_size(free)} free"
     print(f"removed {total} of evidence of {len(removed)} of {len(going)} runs{left}")
     if free is not None and (lacking := _lacking(limits, free)):
