@@ -73,12 +73,12 @@ class HelpText(Lines):
 
     def lines(self, width: int) -> Sequence[Line]:
         words = self.filter.casefold().split()
-        found = (
+        groups = (
             rows
             for rows in self._entries(width)
             if all(word in plain(rows).casefold() for word in words)
         )
-        return [row for rows in found for row in rows]
+        return [row for rows in groups for row in rows]
 
     def _entries(self, width: int) -> Iterator[list[Line]]:
         for text in _FIRST.splitlines():

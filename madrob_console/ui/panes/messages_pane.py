@@ -18,15 +18,15 @@ class MessagesPane(ListPane[Said]):
         self._said = said
         columns: list[Column[Said]] = [
             Column(
-                "time", "time", lambda one: Span(time_of_day(one.at)), lambda one: one.at, 9,
+                "time", "time", lambda said: Span(time_of_day(said.at)), lambda said: said.at, 9,
                 falling=True,
             ),
             Column(
-                "message", "message", lambda one: Span(one.text, one.tone), lambda one: one.text,
-                64, ample=200,
+                "message", "message", lambda said: Span(said.text, said.tone),
+                lambda said: said.text, 64, ample=200,
             ),
         ]  # fmt: skip
-        super().__init__(Table(columns, lambda one: f"{one.at} {one.text}"), id="messages")
+        super().__init__(Table(columns, lambda said: f"{said.at} {said.text}"), id="messages")
         self.table.empty = "nothing was said yet"
         self.head.say("What this screen has said", Tone.STRONG)
         self.keys.say(LIST_KEYS, Tone.DIM)

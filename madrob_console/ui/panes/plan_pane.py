@@ -54,7 +54,7 @@ class PlanPane(ListPane[int]):
 
     def __init__(self, reader: PlanReader) -> None:
         self._reader = reader
-        self._seen: object = None
+        self._shown_state: object = None
         self._teams: Mapping[int, str] = {}
         self._tasks: Mapping[Task, Attempts] = {}
         self._next: Task | None = None
@@ -86,9 +86,9 @@ class PlanPane(ListPane[int]):
         self._teams = snapshot.teams.names
         setup = snapshot.run.setup if snapshot.run.active else None
         running = None if setup is None else Task(setup.subject, setup.condition.number)
-        seen = self._reader.version, self._teams, running, snapshot.time // 60
-        if seen != self._seen:
-            self._seen = seen
+        shown_state = self._reader.version, self._teams, running, snapshot.time // 60
+        if shown_state != self._shown_state:
+            self._shown_state = shown_state
             self._show_progress(self._reader.progress, snapshot.time, running)
 
     def words_about(self, _row: int) -> tuple[str, Tone]:
@@ -99,25 +99,25 @@ class PlanPane(ListPane[int]):
         if (task := self.selected) is not None:
             self.post_message(self.Chosen(task))
 
-    def _show_progress(self, found: PlanProgress, now: float, running: Task | None) -> None:
-        marked, self._tasks = self.selected, {one.task: one for one in found.tasks}
-        self._next = None if found.next is None else found.next.task
+    def _show_progress(self, progress: PlanProgress, now: float, running: Task | None) -> None:
+        marked, self._tasks = self.selected, {task.task: task for task in progress.tasks}
+        self._next = None if progress.next is None else progress.next.task
         if self._goes_to_next and self._next is not None:
             marked, self._goes_to_next = self._next, False
-        lines = [PlanLine(line.task, line.planned) for line in found.lines]
+        lines = [PlanLine(line.task, line.planned) for line in progress.lines]
         unknown = plan_remarks(lines, self._teams)
-        problems = [*filter(None, (self._reader.problem, *unknown, *found.problems))]
+        problems = [*filter(None, (self._reader.problem, *unknown, *progress.problems))]
         said = [f"{listed(problems, _PROBLEMS)}."] if problems else []
-        said += [summary_words(found)] if found.lines else []
-        said += schedule_words(found, self._teams, now, running)
+        said += [summary_words(progress)] if progress.lines else []
+        said += schedule_words(progress, self._teams, now, running)
         then = [
-            f"{one.task.subject} in {one.task.condition}"
-            for one in islice(found.upcoming(running), 1, 1 + _THEN)
+            f"{slot.task.subject} in {slot.task.condition}"
+            for slot in islice(progress.upcoming(running), 1, 1 + _THEN)
         ]
         if then:
             said.append(f"Then {', '.join(then)}.")
         self.head.say(" ".join(said), Tone.WARN if problems else Tone.PLAIN)
-        self.table.empty = "" if found.lines else NO_PLAN_WORDS
+        self.table.empty = "" if progress.lines else NO_PLAN_WORDS
         self.table.set_columns(self._columns())
         self.table.set_rows(sorted({task.subject for task in self._tasks}))
         if marked is not None and marked in self._tasks:
@@ -155,9 +155,9 @@ class PlanPane(ListPane[int]):
 
     def _total(self, subject: int) -> tuple[int, int]:
         """Attempts that are done of those that are planned."""
-        of_team = [one for task, one in self._tasks.items() if task.subject == subject]
-        planned = sum(one.planned for one in of_team)
-        return planned - sum(one.left for one in of_team), planned
+        of_team = [attempts for task, attempts in self._tasks.items() if task.subject == subject]
+        planned = sum(attempts.planned for attempts in of_team)
+        return planned - sum(attempts.left for attempts in of_team), planned
 
 
 def cell(attempts: Attempts, *, is_next: bool) -> Span:
@@ -176,7 +176,7 @@ def about(attempts: Attempts, teams: Mapping[int, str]) -> str:
     """Attempts in words, first what is open."""
     task, done = attempts.task, attempts.done - attempts.beyond
     out = f"OUT OF PLAN, {done} done" if done else "not in the plan"
-    told = (
+    facts = (
         f"NOT FINAL, {attempts.open_protests} PROTEST open" if attempts.open_protests else "",
         f"{task_words(task, teams)}: {', '.join(condition_words(task.condition))}",
         f"{done} of {attempts.planned} attempts done" if attempts.planned else out,
@@ -185,7 +185,7 @@ def about(attempts: Attempts, teams: Mapping[int, str]) -> str:
         "" if attempts.best_level is None else f"best level {attempts.best_level}",
         f"{attempts.left} left" if attempts.left else "",
     )
-    return "; ".join(filter(None, told))
+    return "; ".join(filter(None, facts))
 
 
 # The progress of the competition's plan, as this screen knows it.
@@ -199,7 +199,7 @@ class PlanReader:
 
     def __init__(self, link: EngineLink) -> None:
         self._link = link
-        self._seen: object = None
+        self._newest_state: object = None
         self.progress = PlanProgress()
         self.problem = ""
         self.version = 0
@@ -207,18 +207,22 @@ class PlanReader:
 
     def is_old(self, snapshot: Snapshot) -> bool:
         """Whether to read again; says so once for each change."""
-        before, self._seen = self._seen, (snapshot.plan, results_state(snapshot))
-        old = before != self._seen
+        before, self._newest_state = self._newest_state, (snapshot.plan, results_state(snapshot))
+        old = before != self._newest_state
         self.behind |= old
         return old
 
     async def read(self) -> None:
         """Asks; an answer that a change has overtaken counts only where nothing else is known."""
-        seen, progress, problem = self._seen, self.progress, ""
+        asked_state, progress, problem = self._newest_state, self.progress, ""
         try:
             progress = await self._link.answer(GivePlan())
         except MadrobError as error:
             problem = str(error)
-        if seen == self._seen or not self.version:
-            self.progress, self.problem, self.behind = progress, problem, seen != self._seen
+        if asked_state == self._newest_state or not self.version:
+            self.progress, self.problem, self.behind = (
+                progress,
+                problem,
+                asked_state != self._newest_state,
+            )
             self.version += 1

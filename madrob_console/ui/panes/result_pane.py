@@ -76,12 +76,12 @@ class ResultHead(View):
     more = False
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        result, run, found = snapshot.result, snapshot.run, serious(snapshot.flags)
+        result, run, heavy = snapshot.result, snapshot.run, serious(snapshot.flags)
         if result is None:
             return [line(_no_result(snapshot))]
         word, tone = phase_span(run, result)
-        if found and tone is not Tone.BAD:
-            tone = FLAG_TONES[found[0].weight]
+        if heavy and tone is not Tone.BAD:
+            tone = FLAG_TONES[heavy[0].weight]
         said = f"{word}, {'VOID' if run.voided else 'valid'}"
         if not (run.valid or run.voided):
             said = OUTCOMES[result.outcome]
@@ -161,12 +161,16 @@ class IndicatorTable(View):
     """One row for each indicator."""
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        found = {} if snapshot.result is None else snapshot.result.indicators
-        if reason := common_reason(found):
+        indicators = {} if snapshot.result is None else snapshot.result.indicators
+        if reason := common_reason(indicators):
             head = line(Span(f"{'values':<{_KIND}}", Tone.STRONG))
             return paragraph(f"none: {reason}", width, Tone.WARN, head)
         by_hand = snapshot.run.answered_at is None
-        return [row for name, one in found.items() for row in _rows(name, one, width, by_hand)]
+        return [
+            row
+            for name, indicator in indicators.items()
+            for row in _rows(name, indicator, width, by_hand)
+        ]
 
 
 def _rows(name: IndicatorName, indicator: Indicator, width: int, by_hand: bool) -> list[Line]:
@@ -225,14 +229,18 @@ def comparison(result: Result, run: Run, earlier: Sequence[RunSummary]) -> Itera
         return
     count = len(earlier)
     yield line(head, Span(f"mean of {count} earlier, difference to it", Tone.DIM))
-    for name, one in result.indicators.items():
+    for name, indicator in result.indicators.items():
         mean = aggregate_of(earlier, name)
-        if one.value is not None and mean is not None:
-            yield compared(name, one.value, one.uncertainty, mean, count)
+        if indicator.value is not None and mean is not None:
+            yield compared(name, indicator.value, indicator.uncertainty, mean, count)
 
 
 def compared(
-    name: IndicatorName, value: float, known: Uncertainty | None, earlier: Aggregate, count: int
+    name: IndicatorName,
+    value: float,
+    uncertainty: Uncertainty | None,
+    earlier: Aggregate,
+    count: int,
 ) -> Line:
     """The mean, the difference to it, whether that is better.
 
@@ -242,11 +250,11 @@ def compared(
     difference = value - earlier.mean
     better = (difference > 0) is name.spec.higher_is_better
     word, tone = ("better", Tone.GOOD) if better else ("worse", Tone.WARN)
-    if not distinguishable(value, earlier.mean, known, earlier.uncertainty):
+    if not distinguishable(value, earlier.mean, uncertainty, earlier.uncertainty):
         word, tone = "within +-", Tone.PLAIN
     elif difference == 0:
         word, tone = "equal", Tone.PLAIN
-    spreads = () if known is None else (known, earlier.uncertainty)
+    spreads = () if uncertainty is None else (uncertainty, earlier.uncertainty)
     text = difference_text(difference, spreads, 4)
     mean = value_text(earlier.mean, earlier.uncertainty)
     of = "" if earlier.count == count else f" of {earlier.count}"
@@ -266,23 +274,41 @@ def mark_words(run: Run, result: Result) -> list[tuple[str, str]]:
             for start in run.false_starts
         ),
         *((fault.time, "testbed fault", fault.text) for fault in run.faults),
-        *((one.time, "incident", _incident(one)) for one in run.incidents),
+        *((incident.time, "incident", _incident(incident)) for incident in run.incidents),
         *((note.time, "note", note.text) for note in run.notes),
         *(
-            (one.time, "ruling", f"step {one.step} {RULED[one.confirmed]}: {one.reason}")
-            for one in run.rulings
+            (
+                ruling.time,
+                "ruling",
+                f"step {ruling.step} {RULED[ruling.confirmed]}: {ruling.reason}",
+            )
+            for ruling in run.rulings
         ),
         *((back.time, "taken back", f"{back.words}: {back.reason}") for back in run.taken_back),
         *(
-            (one.time, "doubt accepted", f"{doubted_words(one.doubts)}: {one.reason}")
-            for one in run.accepted_doubts
+            (
+                acceptance.time,
+                "doubt accepted",
+                f"{doubted_words(acceptance.doubts)}: {acceptance.reason}",
+            )
+            for acceptance in run.accepted_doubts
         ),
-        *((one.time, "correction", f"{one.words}: {one.reason}") for one in run.corrections),
-        *((void.time, "void", void.reason) for void in (run.voided,) if void is not None),
-        *((one.time, f"protest {one.number}", _protest(one, run)) for one in run.protests),
         *(
-            (one.time, f"version {one.issue}", f"{one.what}: {one.reason} ({one.referee})")
-            for one in run.reissues
+            (correction.time, "correction", f"{correction.words}: {correction.reason}")
+            for correction in run.corrections
+        ),
+        *((void.time, "void", void.reason) for void in (run.voided,) if void is not None),
+        *(
+            (protest.time, f"protest {protest.number}", _protest(protest, run))
+            for protest in run.protests
+        ),
+        *(
+            (
+                reissue.time,
+                f"version {reissue.issue}",
+                f"{reissue.what}: {reissue.reason} ({reissue.referee})",
+            )
+            for reissue in run.reissues
         ),
         *((gone.time, "evidence removed", gone.words) for gone in run.removed_evidence),
     ]
@@ -299,13 +325,13 @@ def _at(since_start: float, epoch: float) -> str:
     return f"{since_start:+.2f} s" if abs(since_start) < _LONG else date_of(epoch)
 
 
-def _incident(one: Incident) -> str:
-    return ": ".join(filter(None, (one.kind, one.note)))
+def _incident(incident: Incident) -> str:
+    return ": ".join(filter(None, (incident.kind, incident.note)))
 
 
-def _protest(one: Protest, run: Run) -> str:
-    words = f"{one.team}, about {one.about_words(run.start)}: {one.text}"
-    if (answer := one.answer) is None:
+def _protest(protest: Protest, run: Run) -> str:
+    words = f"{protest.team}, about {protest.about_words(run.start)}: {protest.text}"
+    if (answer := protest.answer) is None:
         return words
     return f"{words}; {answer.end}: {answer.reason} ({answer.referee})"
 

@@ -184,7 +184,7 @@ def step_lines(
     """
     cells = max(0, min(_TIME, width - _STEP))
     room = width - _STEP - cells - 2
-    pending = None if settled else next((one.step for one in steps if not one.done), None)
+    pending = None if settled else next((step.step for step in steps if not step.done), None)
     head = f"{'    step':<{_STEP}}{'official' if settled else 'live':>{cells}}  referee (sensor)"
     rows = [line(Span(fitted(head, width), Tone.DIM))]
     for record in steps:
@@ -283,8 +283,8 @@ class ShortForm(NamedTuple):
 
 def notices(snapshot: Snapshot, width: int) -> list[Line]:
     """Notices that are no faults and stand before them: a row at most."""
-    told = [] if snapshot.notice is None else wrapped(snapshot.notice, width - len(FAULT))[:1]
-    return [line(Span(NOTE, Tone.NOTICE), Span(text, Tone.WARN)) for text in told]
+    rows = [] if snapshot.notice is None else wrapped(snapshot.notice, width - len(FAULT))[:1]
+    return [line(Span(NOTE, Tone.NOTICE), Span(text, Tone.WARN)) for text in rows]
 
 
 def short_form(snapshot: Snapshot, width: int, where: str) -> ShortForm:

@@ -153,7 +153,9 @@ class ListPane(Filtered, Generic[Row]):
     def on_table_marked(self, event: Table.Marked) -> None:
         event.stop()
         row, columns = self.table.selected, self.table.columns
-        self.about.cells = [] if row is None else [(one.title, one.cell(row)) for one in columns]
+        self.about.cells = (
+            [] if row is None else [(column.title, column.cell(row)) for column in columns]
+        )
         self.about.say(*("", Tone.DIM) if row is None else self.words_about(row))
 
 
@@ -173,7 +175,7 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row]):
         self._load = load
         self.content = content
         self._reading = False
-        self._seen: object = None
+        self._shown_state: object = None
         self.teams: Mapping[int, str] = {}
         self.competition = ""
 
@@ -192,7 +194,7 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row]):
 
     def enter(self) -> None:
         self.screen.set_focus(self.table)
-        self._seen = None
+        self._shown_state = None
         self.reload()
 
     def reload(self) -> None:
@@ -202,11 +204,11 @@ class RunsPane(ListPane[_Row], Generic[Content, _Row]):
         self._read()
 
     def show(self, snapshot: Snapshot) -> None:
-        seen = (results_state(snapshot), snapshot.teams, snapshot.competition)
+        shown_state = (results_state(snapshot), snapshot.teams, snapshot.competition)
         self.teams, self.competition = snapshot.teams.names, snapshot.competition
-        if self._seen not in (None, seen):
+        if self._shown_state not in (None, shown_state):
             self.reload()
-        self._seen = seen
+        self._shown_state = shown_state
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         """Says what is shown, if no other runs are on their way."""
@@ -249,8 +251,8 @@ def number_column(
     title: str, meaning: str, value: Callable[[Row], int | None], width: int
 ) -> Column[Row]:
     def cell(row: Row) -> Span:
-        found = value(row)
-        return MISSING if found is None else Span(str(found))
+        content = value(row)
+        return MISSING if content is None else Span(str(content))
 
     return Column(title, meaning, cell, value, width, right=True)
 
@@ -468,7 +470,7 @@ def about(run: RunSummary, name: str | None = None) -> str:
     task = task or f"condition {run.condition} does not exist"
     version = f"{'PRACTICE, ' if run.practice else ''}version {run.issue}"
     ended = (version, run.closing, run.ruleset)
-    told = (
+    facts = (
         *(flag.words for flag in waiting),
         *(flag.words for flag in serious(run.flags) if flag not in waiting),
         f"{name}{recorded}: {task}" if name else task,
@@ -476,4 +478,4 @@ def about(run: RunSummary, name: str | None = None) -> str:
         *((run.never_ran or "it goes on, or it was cut off",) if run.outcome is None else ended),
         run.folder,
     )
-    return "; ".join(filter(None, told))
+    return "; ".join(filter(None, facts))

@@ -67,7 +67,7 @@ def state_words(
 
 
 def _planned(setup: RunSetup, plan: PlanProgress, *, checked: bool) -> str:
-    of = next((one for one in plan.tasks if one.task == task_of(setup)), None)
+    of = next((task for task in plan.tasks if task.task == task_of(setup)), None)
     if setup.out_of_plan:
         return "" if checked else ", OUT OF PLAN"
     if setup.practice or of is None or not of.planned:
@@ -212,15 +212,15 @@ class SetupForm(Horizontal):
 
     def load(self, setup: RunSetup | None) -> None:
         """Shows a set-up; without one what is proposed for the first run."""
-        known = self._defaults
+        defaults = self._defaults
         setup = setup or RunSetup(
             subject=1,
-            team=known.team,
+            team=defaults.team,
             run_number=1,
             condition=FIRST_CONDITION,
             start_pose=self._usual_pose(FIRST_CONDITION.starting_side),
-            referee=known.referee,
-            **structs.asdict(known.run),
+            referee=defaults.referee,
+            **structs.asdict(defaults.run),
         )
         self._team_of, self.other = setup.subject, None
         if setup.team_reason:

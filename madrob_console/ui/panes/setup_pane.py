@@ -86,7 +86,11 @@ class CheckList(View, can_focus=True):
     _marked: CheckName | None = None
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        title, told, checks = Span("Checks  ", Tone.STRONG), self._told, snapshot.checks
+        title, open_checks, checks = (
+            Span("Checks  ", Tone.STRONG),
+            self._open_checks,
+            snapshot.checks,
+        )
         if snapshot.playback is not None:
             return [line(title, "made on the day; F4 shows the waivers")]
         if snapshot.pulse.stale:
@@ -96,10 +100,10 @@ class CheckList(View, can_focus=True):
             verdict = Span(f"{blocking} of {len(checks)} checks fail", Tone.BAD)
             how = "" if snapshot.refusal(Waive.name) else "   Tab, then Enter on one waives it"
         rows = [line(title, verdict, Span(how, Tone.DIM))]
-        for check in told:
+        for check in open_checks:
             rows += _rows(check, width, marked=self.has_focus and check is self._at(0))
         passed = sum(check.state is CheckState.OK for check in checks)
-        silent = len(checks) - len(told) - passed
+        silent = len(checks) - len(open_checks) - passed
         without = f", {silent} without data for that reason" if silent else ""
         rows.append(line(Span("  ✓ ", Tone.GOOD), f"{passed} ok{without}"))
         sides, teams = snapshot.sides_problem, snapshot.teams.problems
@@ -131,16 +135,20 @@ class CheckList(View, can_focus=True):
             self.action_choose()
 
     @property
-    def _told(self) -> list[Check]:
+    def _open_checks(self) -> list[Check]:
         checks = () if self._snapshot is None else self._snapshot.checks
-        others = (one for one in checks if one.state is not CheckState.OK and not one.blocks)
+        others = (
+            check for check in checks if check.state is not CheckState.OK and not check.blocks
+        )
         return [*causes(checks), *others]
 
     def _at(self, step: int) -> Check | None:
         """The check so many rows below the marked one, or the nearest to that."""
-        told = self._told
-        marked = next((i for i, check in enumerate(told) if check.name is self._marked), 0)
-        return told[min(max(0, marked + step), len(told) - 1)] if told else None
+        open_checks = self._open_checks
+        marked = next((i for i, check in enumerate(open_checks) if check.name is self._marked), 0)
+        return (
+            open_checks[min(max(0, marked + step), len(open_checks) - 1)] if open_checks else None
+        )
 
 
 def _rows(check: Check, width: int, *, marked: bool) -> list[Line]:
@@ -246,14 +254,14 @@ class SetupPane(Vertical):
         await self._set_up()
 
     async def _set_up(self) -> str | None:
-        seen, setup = self._form.read(), await self.draft()
+        entered, setup = self._form.read(), await self.draft()
         now = self._link.snapshot()
         if now is None or now.run.phase not in OPEN:
             return None if now else NOT_YET
         problem = setup if isinstance(setup, str) else await self._change(now.run.setup, setup)
-        if self._form.read() == seen:  # else it is about what nobody wants any more
-            if isinstance(seen, RunSetup):  # the names as they were cleaned
-                self._form.show_values({"team": seen.team, "referee": seen.referee})
+        if self._form.read() == entered:  # else it is about what nobody wants any more
+            if isinstance(entered, RunSetup):  # the names as they were cleaned
+                self._form.show_values({"team": entered.team, "referee": entered.referee})
             self._problem = problem
             self._say_state()
         return problem or None
@@ -430,8 +438,8 @@ class SetupPane(Vertical):
         setup = self._read()
         if isinstance(setup, str) and not isinstance(self.screen.focused, Input):
             self.add_class("-unfolded")  # what is wrong may be among the folded ones
-        known = isinstance(setup, RunSetup) and setup.run_number
-        self._form.run_number.placeholder = str(known or "next")
+        number = isinstance(setup, RunSetup) and setup.run_number
+        self._form.run_number.placeholder = str(number or "next")
         sign = "- Less" if self.has_class("-unfolded") else "+ More"
         self._fold.say(f"{sign}: {self._form.seldom_changed}")
         self._state.say(*state_words(now, setup, self._plan.progress, self._problem))

@@ -108,9 +108,9 @@ class StandingsPane(RunsPane[Tables, Standing]):
             return standings(runs, official=official, best=best, listed=self.teams)
 
         ordered = leaders_first(over(1))
-        rulesets = {one.ruleset for one in ordered}
+        rulesets = {standing.ruleset for standing in ordered}
         damaged = sum(run.problem is not None for run in runs)
-        protests = sum(one.open_protests for one in ordered)
+        protests = sum(standing.open_protests for standing in ordered)
         entering = (run for run in runs if (run.official if official else run.practice))
         notes = (
             "" if official else PRACTICE_BANNER,
@@ -120,7 +120,7 @@ class StandingsPane(RunsPane[Tables, Standing]):
             f"{len(rulesets)} rulesets: do not compare them" if len(rulesets) > 1 else "",
             how_testbeds_differ(entering).rstrip("."),
         )
-        keys = {_key(one) for one in leaders(ordered) if one.counted}
+        keys = {_key(standing) for standing in leaders(ordered) if standing.counted}
         details = cache(partial(over, self._best))
         return Tables(ordered, details, keys, official, [*filter(None, notes)])
 
@@ -173,23 +173,23 @@ class StandingsPane(RunsPane[Tables, Standing]):
     def _indicator(self, name: IndicatorName) -> Column[Standing]:
         by_best = self.view is StandingsView.BEST
 
-        def cell(one: Standing) -> Span:
-            aggregate, signs = one.aggregates.get(name), self._signs_of(one, name)
-            told = statistics_text(aggregate, name, _WIDTH - self._signs)
-            text = best_text(one, name) if by_best else told.get(self.view, MISSING.text)
+        def cell(standing: Standing) -> Span:
+            aggregate, signs = standing.aggregates.get(name), self._signs_of(standing, name)
+            texts = statistics_text(aggregate, name, _WIDTH - self._signs)
+            text = best_text(standing, name) if by_best else texts.get(self.view, MISSING.text)
             tone = Tone.WARN if DOUBTED in signs else Tone.PLAIN
             return Span(f"{text}{signs:<{self._signs}}", tone)
 
-        def value(one: Standing) -> float | None:
+        def value(standing: Standing) -> float | None:
             view = StandingsView.MEAN if by_best else self.view
-            return statistics_of(one.aggregates.get(name), name).get(view)
+            return statistics_of(standing.aggregates.get(name), name).get(view)
 
         title, meaning = name.spec.column, f"{name.words} ({name.spec.unit})"
         falling = name.spec.higher_is_better
         return Column(title, meaning, cell, value, _WIDTH, right=True, falling=falling)
 
-    def _signs_of(self, one: Standing, name: IndicatorName) -> str:
-        return one.signs(name, of_mean=self.view is StandingsView.MEAN)
+    def _signs_of(self, standing: Standing, name: IndicatorName) -> str:
+        return standing.signs(name, of_mean=self.view is StandingsView.MEAN)
 
 
 def _condition(standing: Standing) -> int:
@@ -208,7 +208,7 @@ def _sign_rank(standing: Standing) -> float | None:
 def about(standing: Standing) -> str:
     task = ", ".join(condition_words(standing.condition))
     called = "".join(f", also '{name}'" for name in standing.other_names)
-    told = [
+    facts = [
         *counts(standing),
         f"{standing.undecided} to decide" if standing.undecided else "",
         f"{standing.flagged} with flags" if standing.flagged else "",
@@ -218,7 +218,7 @@ def about(standing: Standing) -> str:
         for name, subjects in standing.alike.items()
     ]
     team = standing.team or f"subject {standing.subject}"
-    counted = ", ".join(filter(None, told))
+    counted = ", ".join(filter(None, facts))
     return "; ".join((f"{team}{called}: {counted}", task, f"ruleset {standing.ruleset}", *apart))
 
 
