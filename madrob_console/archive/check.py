@@ -343,7 +343,9 @@ def _appealed(result: Result) -> dict[str, Any]:
         "ruleset": result.ruleset,
         "outcome": result.outcome,
         "start": result.start,
-        "indicators": {name: {"value": one and one.value} for name, one in indicators.items()},
+        "indicators": {
+            name: {"value": indicator and indicator.value} for name, indicator in indicators.items()
+        },
     }
 
 
@@ -357,13 +359,13 @@ def _beside_stored(difference: Difference) -> str:
     return f"{difference.what} {now}, stored {terminal_safe(stored)}"
 
 
-def distinct_texts(one: float | None, other: float | None) -> tuple[str, str]:
+def distinct_texts(first: float | None, second: float | None) -> tuple[str, str]:
     """Two values, with as many digits as tell them apart."""
     for digits in _DIGITS:
-        texts = _text(one, digits), _text(other, digits)
+        texts = _text(first, digits), _text(second, digits)
         if texts[0] != texts[1]:
             return texts
-    return repr(one), repr(other)
+    return repr(first), repr(second)
 
 
 def _text(value: float | None, digits: int) -> str:

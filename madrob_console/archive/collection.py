@@ -62,12 +62,12 @@ def collected(paths: Sequence[Path], testbed: str | None = None) -> Collection:
             raise MadrobError(f"{path}: no such folder; name a folder with runs")
         if path.is_file():
             unlisted.append(Unlisted(str(path), "is no run folder: name folders with runs"))
-    for one in listed_at(path for path in paths if not path.is_file()):
-        if parse_folder_name(one.path.name) is not None:
-            root, name = one.place
+    for entry in listed_at(path for path in paths if not path.is_file()):
+        if parse_folder_name(entry.path.name) is not None:
+            root, name = entry.place
             of_root.setdefault(root, set()).add(name)
         else:
-            unlisted.append(Unlisted(one.name, _why_unlisted(one)))
+            unlisted.append(Unlisted(entry.name, _why_unlisted(entry)))
     alone = len(of_root) == 1 and [*map(with_name, paths)] == list(of_root)
     runs: list[RunSummary] = []
     for root in list(of_root):
@@ -133,7 +133,7 @@ def _demand_existing(option: str, name: str, existing: Iterable[str]) -> None:
 
 
 def _listed(names: Iterable[str]) -> str:
-    return ", ".join(f"'{terminal_safe(one)}'" for one in sorted(names))
+    return ", ".join(f"'{terminal_safe(name)}'" for name in sorted(names))
 
 
 def _why_unlisted(run: RunPath) -> str:

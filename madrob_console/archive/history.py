@@ -233,11 +233,21 @@ def with_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
         outcome=result.outcome,
         reason=result.why_invalid[:_LONGEST_REASON],
         voided=result.voided is not None,
-        values={name: one.value for name, one in indicators.items() if one.value is not None},
-        uncertainties={
-            name: one.uncertainty for name, one in indicators.items() if one.uncertainty is not None
+        values={
+            name: indicator.value
+            for name, indicator in indicators.items()
+            if indicator.value is not None
         },
-        doubts={name: len(one.doubts) for name, one in indicators.items() if one.doubts},
+        uncertainties={
+            name: indicator.uncertainty
+            for name, indicator in indicators.items()
+            if indicator.uncertainty is not None
+        },
+        doubts={
+            name: len(indicator.doubts)
+            for name, indicator in indicators.items()
+            if indicator.doubts
+        },
         flags=result.flags,
         thresholds=result.thresholds.unlike_protocol if result.thresholds else None,
         issue=result.issue,

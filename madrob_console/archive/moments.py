@@ -49,9 +49,9 @@ def moments_of(events: Sequence[tuple[str, float]], run: Run, start: float) -> t
         words, name = f"false start: {mark.event.words}", f"false_start_{mark.event}"
         moments.append(Moment(name, words, mark.time, mark.time - start))
     moments += [
-        Moment(f"protest_{one.number}", one.title, one.at, one.at - start)
-        for one in run.protests[:_MOST_MARKS]
-        if one.at is not None
+        Moment(f"protest_{protest.number}", protest.title, protest.at, protest.at - start)
+        for protest in run.protests[:_MOST_MARKS]
+        if protest.at is not None
     ]
     return tuple(sorted(moments, key=lambda moment: moment.since_start))
 
@@ -69,11 +69,13 @@ def moments_called(
         # a file name keeps no sign
         name = f"at_{'minus_' if typed < 0 else ''}{abs(typed):.3f} s"
         return (Moment(name, f"{typed:.3f} s", start + typed, typed),)
-    moments = [one for one in _named(events, run, start) if math.isfinite(one.time)]
+    moments = [moment for moment in _named(events, run, start) if math.isfinite(moment.time)]
     wanted = _key(text)
-    if matching := [one for one in moments if wanted in map(_key, (one.name, one.words))]:
+    if matching := [
+        moment for moment in moments if wanted in map(_key, (moment.name, moment.words))
+    ]:
         return tuple(matching)
-    there = ", ".join(dict.fromkeys(terminal_safe(one.name) for one in moments))
+    there = ", ".join(dict.fromkeys(terminal_safe(moment.name) for moment in moments))
     raise MadrobError(
         f"'{terminal_safe(text)}' is no time and no event of this run: give seconds, or one of "
         f"{there}"
@@ -86,11 +88,11 @@ def _named(events: Sequence[tuple[str, float]], run: Run, start: float) -> Itera
     if run.stop is not None:
         yield Moment("stop", "stop", run.stop, run.stop - start)
     yield from moments_of(events, run, start)
-    for one in run.protests:
-        if one.at is None:
-            yield Moment(f"protest_{one.number}", one.title, start, 0.0)
-    for one in (*open_protests(run.protests), *reversed(run.protests))[:1]:
-        at = start if one.at is None else one.at
+    for protest in run.protests:
+        if protest.at is None:
+            yield Moment(f"protest_{protest.number}", protest.title, start, 0.0)
+    for protest in (*open_protests(run.protests), *reversed(run.protests))[:1]:
+        at = start if protest.at is None else protest.at
         yield Moment("protest", "protest", at, at - start)
 
 

@@ -101,8 +101,12 @@ def _delay_of_testbed(folder: Path, mappings: Sequence[TopicMapping]) -> float:
     """
     recording = Bag(folder)
     topics = {topic.name: topic for topic in recording.topics()}
-    by_use = sorted(mappings, key=lambda one: one.signal is not Signal.DOOR)
-    names = [one.topic for one in by_use if one.topic in topics and _is_stamped(topics[one.topic])]
+    by_use = sorted(mappings, key=lambda mapping: mapping.signal is not Signal.DOOR)
+    names = [
+        mapping.topic
+        for mapping in by_use
+        if mapping.topic in topics and _is_stamped(topics[mapping.topic])
+    ]
     delays: defaultdict[str, list[float]] = defaultdict(list)
     for message in islice(recording.messages(), _MESSAGES_LOOKED_AT if names else 0):
         stamp = header_stamp(message.data[:HEAD]) if message.topic in names else None

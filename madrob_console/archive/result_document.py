@@ -153,12 +153,14 @@ class ResultDocument(Result, Heading):
 
     @property
     def steps_done(self) -> dict[Step, float]:
-        return {one.step: one.final for one in self.steps if one.final is not None}
+        return {step.step: step.final for step in self.steps if step.final is not None}
 
     @property
     def rate(self) -> float | None:
         """Sampling rate of the door's angle, Hz; None where it does not say."""
-        return next((one.rate for one in self.quality.signals if one.signal is Signal.DOOR), None)
+        return next(
+            (signal.rate for signal in self.quality.signals if signal.signal is Signal.DOOR), None
+        )
 
     @property
     def open_protest(self) -> Protest | None:
@@ -227,7 +229,7 @@ def described_schema(kind: type, *described_by: type) -> tuple[dict[str, Any], d
     """
     (root,), parts = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
     for name, part in parts.items():
-        docs = [one.__doc__ or "" for one in described_by]
+        docs = [each.__doc__ or "" for each in described_by]
         _describe(part, *docs if name == kind.__name__ else [part.get("description", "")])
     return root, parts
 

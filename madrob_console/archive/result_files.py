@@ -194,7 +194,7 @@ class StoredRun:
         stored = self.result.mappings
         if stored is UNSET:
             return ""
-        ordered = msgspec.json.encode(sorted(stored, key=lambda one: one.signal.value))
+        ordered = msgspec.json.encode(sorted(stored, key=lambda mapping: mapping.signal.value))
         return sha256(ordered).hexdigest()[:_SHORT]
 
     @property
@@ -244,4 +244,4 @@ def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[Stored
     """A recorded run scored now by each ruleset; it is read only once."""
     run.demand_recording()
     scored = score_recording(run.path, rules)
-    return [StoredRun(run.path, document_of(one, run.path, {})) for one in scored]
+    return [StoredRun(run.path, document_of(scoring, run.path, {})) for scoring in scored]

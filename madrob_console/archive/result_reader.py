@@ -133,7 +133,7 @@ def _document(data: bytes, folder: str) -> ResultDocument:
 def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ResultDocument, ...]:
     """The earlier issues of a result; those that cannot be read are missing."""
     issues = []
-    for number in {one.issue - 1 for one in reissues}:
+    for number in {reissue.issue - 1 for reissue in reissues}:
         with suppress(OSError, *_DAMAGED):
             data, _ = read_bounded(str(folder / ISSUE_FILE.format(number)), LARGEST_RESULT)
             issues.append(_documents.decode(data))

@@ -105,7 +105,7 @@ _NONE_MADE = (NO_PICTURES, RunPictures(PictureIndex(problems=(NO_PILLOW,))))
 
 def events_of(scored: Scored) -> list[tuple[str, float]]:
     """By EUROBENCH's names, with times in s since the epoch."""
-    return [(one.event.value, one.time) for one in scored.result.events]
+    return [(event.event.value, event.time) for event in scored.result.events]
 
 
 def moments_in(scored: Scored) -> tuple[Moment, ...]:
@@ -223,7 +223,9 @@ class _Maker:
         self._left_out = 0
 
     def pictures(self, moments: Sequence[Moment]) -> RunPictures:
-        entries = [entry for one in enumerate(moments, start=1) for entry in self._at(*one)]
+        entries = [
+            entry for numbered in enumerate(moments, start=1) for entry in self._at(*numbered)
+        ]
         problems = [terminal_safe(problem) for problem in self._cameras.problems]
         if self._left_out:
             problems.append(

@@ -123,15 +123,15 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
         if run.prefix:
             published = read_run(run.path, run.prefix)
             chosen = [ruleset(name or _own_rules(published)) for name in rules]
-            pairs = [evaluate_published(published, one) for one in chosen]
+            pairs = [evaluate_published(published, by) for by in chosen]
             condition = published.condition
             subject, _, number = numbers_of(run.prefix) or (None, 0, None)
             label = RunLabel(subject, "", condition.number, number)
             flags = [_flags_of(published) for _ in pairs]
         else:
             scored = score_recording(run.path, rules)
-            pairs = [(one.result, one.rows) for one in scored]
-            flags = [one.flags for one in scored]
+            pairs = [(scoring.result, scoring.rows) for scoring in scored]
+            flags = [scoring.flags for scoring in scored]
             condition = scored[0].record.setup.condition
             label = scored[0].record.label
     return tuple(

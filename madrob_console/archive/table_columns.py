@@ -77,8 +77,8 @@ def column_lines(tables: Sequence[TidyTable]) -> Iterator[str]:
     units = max(len(column.unit) for column in every)
     for table in tables:
         yield f"  {table.name}: {table.row}"
-        for one in table.columns:
-            yield f"    {one.name:<{names}}  {one.unit:<{units}}  {one.meaning}"
+        for column in table.columns:
+            yield f"    {column.name:<{names}}  {column.unit:<{units}}  {column.meaning}"
 
 
 def _column(
@@ -179,7 +179,7 @@ RUNS = TidyTable(
         _count(
             "open_protests",
             "of them not decided",
-            lambda row: sum(one.answer is None for one in row.run.result.protests),
+            lambda row: sum(protest.answer is None for protest in row.run.result.protests),
         ),
         _number(
             "protest_filed",
@@ -313,7 +313,10 @@ RUN = TidyTable(
     "one row, what else the indicators hang on",
     (
         _NAME,
-        *(replace(one, name="run_number") if one.name == "run" else one for one in WHOSE),
+        *(
+            replace(column, name="run_number") if column.name == "run" else column
+            for column in WHOSE
+        ),
         *_KIND,
         *_TASK,
         replace(_RULESET, meaning="by which rules the tables are made"),
@@ -408,7 +411,10 @@ PASSAGE = _series(
     _flag(
         "present",
         "something is there, as it counts; empty = not known yet",
-        lambda row: [None if one < 0 else one for one in row.run.series.passage.present.tolist()],
+        lambda row: [
+            None if presence < 0 else presence
+            for presence in row.run.series.passage.present.tolist()
+        ],
     ),
     _flag("masked", "the panel passes under it", "run.series.passage.masked"),
 )

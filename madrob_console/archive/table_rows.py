@@ -90,7 +90,7 @@ class TableWriter:
             self._rows = []
 
     def _write_batch(self, cells: Mapping[str, Cells]) -> None:
-        plain = (_plain(one.kind, cells[one.name]) for one in self._table.columns)
+        plain = (_plain(column.kind, cells[column.name]) for column in self._table.columns)
         self._write_csv(zip(*map(_no_formulas, plain), strict=True))
 
     def _write_csv(self, rows: Iterable[Iterable[object]]) -> None:
@@ -108,11 +108,11 @@ def write_table(path: Path, table: TidyTable, cells: Mapping[str, Cells]) -> Non
 def _plain(kind: CellKind, cells: Cells) -> list[object]:
     values = cells.tolist() if isinstance(cells, np.ndarray) else cells
     empty = "" if kind is CellKind.TEXT else None
-    return [empty if one is None or one != one else _CELLS[kind](one) for one in values]  # noqa: PLR0124  NaN
+    return [empty if value is None or value != value else _CELLS[kind](value) for value in values]  # noqa: PLR0124  NaN
 
 
 def _no_formulas(cells: Iterable[object]) -> Iterator[object]:
-    return (table_cell(one) if isinstance(one, str) else one for one in cells)
+    return (table_cell(cell) if isinstance(cell, str) else cell for cell in cells)
 
 
 _CELLS: Mapping[CellKind, Callable[[Any], object]] = {
@@ -183,10 +183,10 @@ class Frames(Mapping[str, "DataFrame"]):
 
     def __init__(self, path: Path) -> None:
         collection = collected([path])
-        for one in collection.unlisted:
-            warn(f"{one.place} {one.why}", stacklevel=3)
+        for unlisted in collection.unlisted:
+            warn(f"{unlisted.place} {unlisted.why}", stacklevel=3)
         self._runs = [
-            RunPath(collection.root / one.folder) for one in collection.runs if not one.twin
+            RunPath(collection.root / run.folder) for run in collection.runs if not run.twin
         ]
         self._frames: dict[str, DataFrame] = {}
 
@@ -209,8 +209,8 @@ class Frames(Mapping[str, "DataFrame"]):
             for column, values in part.items():
                 cells[column].extend(values)
         series = {
-            one.name: Series(_plain(one.kind, cells[one.name]), dtype=one.kind.value)
-            for one in table.columns
+            column.name: Series(_plain(column.kind, cells[column.name]), dtype=column.kind.value)
+            for column in table.columns
         }
         return DataFrame(series)
 

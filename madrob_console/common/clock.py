@@ -90,24 +90,24 @@ class SimulationClock(SystemClock):
 
     def __init__(self) -> None:
         super().__init__()
-        self._told = self._wall
+        self._sim_time = self._wall
         self._measured = (self._wall, self._monotonic)
         self._pace = 1.0
         self._mark = (*self._measured, self._pace)
         self._ahead = 0
 
-    def hear(self, told: int, age: int) -> None:
+    def hear(self, sim_time: int, age: int) -> None:
         """Take a message of the simulation's time, `age` ns of the machine's time old."""
-        if told == self._told:
+        if sim_time == self._sim_time:
             return  # it is paused
-        self._told, now = told, time.monotonic_ns()
+        self._sim_time, now = sim_time, time.monotonic_ns()
         before, since = self._measured
         if (passed := now - age - since) >= _STEP // 3:
-            self._pace = max(_SLOWEST, (told - before) / passed)
-            self._measured = (told, now - age)
+            self._pace = max(_SLOWEST, (sim_time - before) / passed)
+            self._measured = (sim_time, now - age)
         if not self._held:
             self._ahead = 0
-        there = told + self._ahead + round(age * self._pace)
+        there = sim_time + self._ahead + round(age * self._pace)
         back = max(0, self._at(now) - there)
         if back > _STEP and self._held:
             self._ahead += back

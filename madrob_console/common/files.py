@@ -357,23 +357,23 @@ class Stamp(NamedTuple):
 def stamp_of(path: str) -> Stamp | None:
     """The stamp of a file; None for no file, a link or anything else."""
     try:
-        found = os.stat(path, follow_symlinks=False)  # noqa: PTH116  ten thousand Paths take too long
+        state = os.stat(path, follow_symlinks=False)  # noqa: PTH116  ten thousand Paths take too long
     except OSError:
         return None
-    return _stamp(found) if stat.S_ISREG(found.st_mode) else None
+    return _stamp(state) if stat.S_ISREG(state.st_mode) else None
 
 
-def _stamp(found: os.stat_result) -> Stamp:
-    return Stamp(found.st_mtime_ns, found.st_ctime_ns, found.st_size)
+def _stamp(state: os.stat_result) -> Stamp:
+    return Stamp(state.st_mtime_ns, state.st_ctime_ns, state.st_size)
 
 
 def read_bounded(path: str, limit: int) -> tuple[bytes, Stamp]:
     """The content and stamp of a plain file; of a larger one only the first `limit` bytes."""
     number = open_plain(path)
     try:
-        found = os.fstat(number)
+        state = os.fstat(number)
         with os.fdopen(number, "rb", closefd=False) as file:
-            return file.read(limit), _stamp(found)
+            return file.read(limit), _stamp(state)
     finally:
         os.close(number)
 

@@ -80,16 +80,16 @@ def explain(message: str, settings: type[msgspec.Struct], content: object) -> st
     what, key = (place["what"], place["key"] or "") if place else (message, "")
     parts = _KEY_PART.findall(key)
     limited = type_at(inspect.type_info(settings), parts)
-    found = plain(limited)
+    kind = plain(limited)
     if what.startswith(_OTHERWISE):
         written = terminal_safe(repr(_value_at(content, parts)))
         return f"{key}: {written[:_SHOWN]} is no {text_words(limited)}"
     if unknown := _UNKNOWN.fullmatch(what):
-        known = ", ".join(f.encode_name for f in fields(found))
+        names = ", ".join(f.encode_name for f in fields(kind))
         name = f"{key}.{unknown[1]}".lstrip(".")
-        return f"{name!r}: no such setting; there are {known}"
-    if isinstance(found, inspect.EnumType):
-        what += "; use " + ", ".join(repr(member.value) for member in found.cls)
+        return f"{name!r}: no such setting; there are {names}"
+    if isinstance(kind, inspect.EnumType):
+        what += "; use " + ", ".join(repr(member.value) for member in kind.cls)
     for word, ours in _WORDS.items():
         what = what.replace(word, ours)
     return f"{key or 'settings'}: {what[:1].lower()}{what[1:]}"

@@ -317,15 +317,15 @@ class TopicSetting(SettingsTable, frozen=True):
 
     def mappings(self, default: TopicMapping) -> tuple[TopicMapping, ...]:
         """The default one with what differs, for each topic; MadrobError for a bad field."""
-        given = {key: value for key, value in asdict(self).items() if value is not None}
-        factor = _UNITS[self.signal][given.pop("unit")] if self.unit else 1.0
-        given |= {
+        changes = {key: value for key, value in asdict(self).items() if value is not None}
+        factor = _UNITS[self.signal][changes.pop("unit")] if self.unit else 1.0
+        changes |= {
             "scale": self.scale * factor,
             "offset": self.offset * factor,
             "no_echo": str(self.no_echo),
         }
-        topics = given.pop("topics", (self.topic or default.topic,))
-        return tuple(dataclasses.replace(default, **{**given, "topic": name}) for name in topics)
+        topics = changes.pop("topics", (self.topic or default.topic,))
+        return tuple(dataclasses.replace(default, **{**changes, "topic": name}) for name in topics)
 
 
 def _table_of(numbers: type[DataclassInstance], about: str, **methods: object) -> Any:  # noqa: ANN401

@@ -33,7 +33,7 @@ _LONGEST_TEAM = 40  # characters of it in a file name
 
 
 def team_contents(
-    found: Collection,
+    collection: Collection,
     subject: int,
     now: float,
     *,
@@ -44,7 +44,7 @@ def team_contents(
     """All official runs of a team; a run that still goes on is left out and named.
 
     Args:
-        found: all runs; duplicates are packed once.
+        collection: all runs; duplicates are packed once.
         subject: the team's number.
         now: s since the epoch.
         competition: of the team; None = its runs are of only one.
@@ -54,24 +54,24 @@ def team_contents(
     Raises:
         MadrobError: no such runs, or several competitions.
     """
-    runs, left_out = _runs_of(found, subject, competition, practice=practice)
-    called = TeamName.of(team, (one.team for one in runs.values()))
-    rehearsal = any(is_rehearsal(one.competition) for one in runs.values())
+    runs, left_out = _runs_of(collection, subject, competition, practice=practice)
+    called = TeamName.of(team, (run.team for run in runs.values()))
+    rehearsal = any(is_rehearsal(run.competition) for run in runs.values())
     kind = f"{REHEARSAL} " * rehearsal + ("PRACTICE runs" if practice else "runs")
     title = terminal_safe(f"MADROB: {kind} of subject {subject} {called.name}".rstrip())
     as_of = time.strftime("As of %Y-%m-%d %H:%M:%S UTC: all decisions until then", time.gmtime(now))
     named = (
-        (one, [run.name for run, found in runs.items() if found.team == one])
-        for one in called.others
+        (other, [run.name for run, summary in runs.items() if summary.team == other])
+        for other in called.others
     )
     name = f"{REHEARSAL}_" * rehearsal + file_name(subject, called.name, now, practice=practice)
     return Contents(
         runs,
         (title, as_of),
         now,
-        found.root / EXPORTS_FOLDER / name,
+        collection.root / EXPORTS_FOLDER / name,
         problems=left_out,
-        other_names=[terminal_safe(f"{one}: {listed(where)}") for one, where in named],
+        other_names=[terminal_safe(f"{other}: {listed(where)}") for other, where in named],
     )
 
 
@@ -88,11 +88,11 @@ def file_name(subject: int, team: str, now: float, *, practice: bool = False) ->
 
 
 def _runs_of(
-    found: Collection, subject: int, competition: str | None, *, practice: bool
+    collection: Collection, subject: int, competition: str | None, *, practice: bool
 ) -> tuple[dict[Path, RunSummary], list[str]]:
     """Runs to pack, oldest first, and in words what is left out and why."""
     teams: dict[int, list[RunSummary]] = {}
-    for run in found.runs:  # a folder keeps its name when its subject is corrected
+    for run in collection.runs:  # a folder keeps its name when its subject is corrected
         if not run.twin:
             teams.setdefault(run.subject, []).append(run)
     own = sorted(teams.get(subject, ()), key=lambda run: (run.folder[-15:], run.folder))
@@ -101,7 +101,7 @@ def _runs_of(
     left_out = [f"{run.folder}: does not say of which competition it is" for run in unsure]
     packed: dict[Path, RunSummary] = {}
     for run in chosen:
-        place = found.root / run.folder
+        place = collection.root / run.folder
         if place.name in {other.name for other in packed}:
             left_out.append(f"{place}: another run has this name: export its results folder alone")
         elif is_held(place / JOURNAL_FILE) and stamp_of(str(place / RESULT_FILE)) is None:
@@ -116,18 +116,18 @@ def _runs_of(
         raise MadrobError(_all_of_the_other_kind(subject, len(own), practice=practice))
     others = ", ".join(map(str, sorted(teams)))
     there = f"there are runs of subject {others}" if teams else "it holds no runs at all"
-    where = "here" if found.root == Path() else f"in {found.root}"
+    where = "here" if collection.root == Path() else f"in {collection.root}"
     raise MadrobError(f"subject {subject} has no runs {where}: {there}; name other folders")
 
 
 def _of_one_competition(
     runs: Sequence[RunSummary], competition: str | None
 ) -> tuple[Sequence[RunSummary], Sequence[RunSummary]]:
-    known = {run.competition for run in runs if run.competition is not None}
-    if competition is not None and known:
-        demand_competition(competition, known)
+    competitions = {run.competition for run in runs if run.competition is not None}
+    if competition is not None and competitions:
+        demand_competition(competition, competitions)
     title = the_competition(runs, competition)
-    unsure = [run for run in runs if run.competition is None and len(known) > 1]
+    unsure = [run for run in runs if run.competition is None and len(competitions) > 1]
     return [run for run in of_competition(runs, title) if run not in unsure], unsure
 
 
@@ -154,12 +154,12 @@ def dossier_contents(run: Path) -> Contents:
         raise MadrobError(f"{run}: is no run folder with a journal; name one with --run")
     if is_held(run / JOURNAL_FILE) and stamp_of(str(run / RESULT_FILE)) is None:
         raise MadrobError(f"{run}: this run goes on: make the dossier after it")
-    for found in collected([run]).runs:
-        kind = [REHEARSAL] * is_rehearsal(found.competition)
-        words = " ".join([*kind, *["the PRACTICE run"] * found.practice, terminal_safe(run.name)])
-        name = "_".join(["dossier", *kind, *["practice"] * found.practice, run.name])
+    for summary in collected([run]).runs:
+        kind = [REHEARSAL] * is_rehearsal(summary.competition)
+        words = " ".join([*kind, *["the PRACTICE run"] * summary.practice, terminal_safe(run.name)])
+        name = "_".join(["dossier", *kind, *["practice"] * summary.practice, run.name])
         return Contents(
-            {run: found},
+            {run: summary},
             (f"MADROB: dossier of {words}", f"Begin with {PROTESTS_FILE}."),
             _stamp(run),
             results_folder_of(run) / EXPORTS_FOLDER / f"{name}.zip",

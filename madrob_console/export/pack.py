@@ -158,7 +158,7 @@ def pack(
         archive.add_file(README_FILE, text, what.time)
         archive.finish(what.time)
         size = file.tell()
-    damaged = (f"{run.name}: {found.problem}" for run, found in runs.items() if found.problem)
+    damaged = (f"{run.name}: {summary.problem}" for run, summary in runs.items() if summary.problem)
     problems = (*damaged, *archive.problems)
     return Export(path, len(runs), len(archive.sums), size, problems)
 
@@ -172,11 +172,11 @@ def _add_run(
     wanted = what.dossier or stamp_of(str(run / REPORT_FILE)) is not None
     rendered, problems = report(run) if wanted else ({}, ())
     timed, untimed = _in_seconds(run, what.runs[run].started)
-    made = {**rendered, **bag.made, **timed}
+    added = {**rendered, **bag.written, **timed}
     archive.problems += [f"{run.name}/{words}" for words in (*problems, *bag.problems, *untimed)]
 
     def without(path: str) -> bool:  # anybody may have written the report in the folder
-        return path in made or path == REPORT_FILE or bag.without(posixpath.basename(path))
+        return path in added or path == REPORT_FILE or bag.without(posixpath.basename(path))
 
     def with_result(path: str, file: BinaryIO) -> FileEnding | None:
         if path != f"{run.name}_0.mcap" or result is None:
@@ -184,7 +184,7 @@ def _add_run(
         return attach(file, RESULT_FILE, "application/json", result)
 
     archive.add_folder(run, run.name, without, with_result)
-    for name, data in made.items():
+    for name, data in added.items():
         archive.add_file(f"{run.name}/{name}", data, what.time)
     if what.dossier:
         _add_samples(archive, run, what.time)
@@ -203,7 +203,7 @@ def _state(run: Path, problems: list[str]) -> Run | str:
 
 def _in_seconds(run: Path, start: float) -> tuple[dict[str, bytes], list[str]]:
     """EUROBENCH's tables of a run with a column that these must not have; then what is wrong."""
-    made, problems = {}, []
+    tables, problems = {}, []
     for path, columns in (
         (path, _EUROBENCH[kind]) for kind in _EUROBENCH for path in run.glob(kind)
     ):
@@ -216,8 +216,8 @@ def _in_seconds(run: Path, start: float) -> tuple[dict[str, bytes], list[str]]:
         except ScoringError as error:
             problems.append(str(error))
         else:
-            made[f"{SECONDS_FOLDER}/{path.name}"] = DataFrame(cells).to_csv(index=False).encode()
-    return made, problems
+            tables[f"{SECONDS_FOLDER}/{path.name}"] = DataFrame(cells).to_csv(index=False).encode()
+    return tables, problems
 
 
 def _add_samples(archive: Archive, run: Path, at: float) -> None:
@@ -290,14 +290,14 @@ class PackedBag:
 
     Attributes:
         without: whether a file of this name of the run's folder is left out.
-        made: the `metadata.yaml` of what is packed, where it is not the folder's.
+        written: the `metadata.yaml` of what is packed, where it is not the folder's.
         has_evidence: whether there is some, packed or not.
         problems: evidence that is missing and why, in words.
         cameras: topics of pictures in the packed evidence.
     """
 
     without: Callable[[str], bool]
-    made: Mapping[str, bytes] = field(default_factory=dict)
+    written: Mapping[str, bytes] = field(default_factory=dict)
     has_evidence: bool = False
     problems: tuple[str, ...] = ()
     cameras: tuple[str, ...] = ()
@@ -316,15 +316,17 @@ class PackedBag:
                 )
             if any(map(is_left_of_evidence, names)):
                 with opened_folder(run) as folder_fd:
-                    found = listing(folder_fd, None, () if parts.evidence else evidence)
+                    listed_bag = listing(folder_fd, None, () if parts.evidence else evidence)
                 # without a listing the recording is torn: then no evidence is listed
-                listed = () if found is None else found.more
+                listed = () if listed_bag is None else listed_bag.more
                 packed = {file.file_name for file in listed}
                 torn = sorted(evidence - packed) if parts.evidence else ()
                 topics = (topic for file in listed for topic in file.topics)
                 return cls(
                     lambda name: is_left_of_evidence(name) and name not in packed,
-                    {} if found is None else {METADATA_FILE: found.metadata_yaml().encode()},
+                    {}
+                    if listed_bag is None
+                    else {METADATA_FILE: listed_bag.metadata_yaml().encode()},
                     bool(evidence),
                     tuple(f"{name}: {_TORN}" for name in torn),
                     tuple(topic.name for topic in topics if topic.type in PICTURE_TYPES),

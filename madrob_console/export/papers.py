@@ -74,8 +74,8 @@ _PAPERS = Environment(
 )
 
 
-def _render(paper: str, **told: object) -> bytes:
-    return _PAPERS.get_template(paper).render(told).encode()
+def _render(paper: str, **variables: object) -> bytes:
+    return _PAPERS.get_template(paper).render(variables).encode()
 
 
 def protests_text(runs: Sequence[tuple[Run | str, str]]) -> bytes:
@@ -101,8 +101,8 @@ def index_page(
         INDEX_PAGE,
         title=title,
         runs=[
-            (pages[run] if pages[run] in names else "", found, _ended_words(found))
-            for run, found in runs.items()
+            (pages[run] if pages[run] in names else "", summary, _ended_words(summary))
+            for run, summary in runs.items()
         ],
         files=_about_all(names),
         names=sorted(IndicatorName, key=lambda name: not name.spec.counts),
@@ -138,7 +138,7 @@ def readme(
     return _render(
         README_FILE,
         title=title,
-        runs=[(run.name, _run_words(found)) for run, found in runs.items()],
+        runs=[(run.name, _run_words(summary)) for run, summary in runs.items()],
         other_names=other_names,
         left_out=left_out,
         sums=SUMS_FILE,
@@ -166,9 +166,11 @@ def _ended_words(run: RunSummary) -> str:
         final = "NOT FINAL, a PROTEST is open"
     practice = "PRACTICE" if run.practice else ""
     void = f"{VOID} ({run.reason})" if run.voided else ""
-    told = (FlagKind.VOID, FlagKind.PROTEST)  # by the words before them
-    flagged = [flag.words for flag in serious(run.flags) if flag.kind not in told]
-    unofficial = next((told for kind, told in _UNOFFICIAL.items() if run.source == kind), practice)
+    said_elsewhere = (FlagKind.VOID, FlagKind.PROTEST)  # by the words before them
+    flagged = [flag.words for flag in serious(run.flags) if flag.kind not in said_elsewhere]
+    unofficial = next(
+        (words for kind, words in _UNOFFICIAL.items() if run.source == kind), practice
+    )
     if is_rehearsal(run.competition):
         unofficial = f"{REHEARSAL} {practice}".rstrip()
     return ", ".join(filter(None, (run.outcome, void, final, unofficial, *flagged)))

@@ -65,10 +65,10 @@ class Archive:
         Raises:
             OSError: the archive cannot be written.
         """
-        for found in self._files_in(folder, called):
-            path = found.name.removeprefix(f"{called}/")
+        for entry in self._files_in(folder, called):
+            path = entry.name.removeprefix(f"{called}/")
             if not without(path):
-                self._add(found, partial(ending, path))
+                self._add(entry, partial(ending, path))
 
     @contextmanager
     def new_file(self, name: str, modified: float, size: int = 0) -> Iterator[ZippedFile]:
@@ -98,25 +98,25 @@ class Archive:
         with suppress(OSError):  # whoever was cut short throws the file away
             self._zip.close()
 
-    def _add(self, found: _Found, ending: Callable[[BinaryIO], FileEnding | None]) -> None:
+    def _add(self, entry: _Entry, ending: Callable[[BinaryIO], FileEnding | None]) -> None:
         """Copies what the file holds now; what it grows by meanwhile is left out."""
         try:
-            number = open_plain(found.path, folder=found.folder)
+            number = open_plain(entry.path, folder=entry.folder)
         except OSError as error:
-            self.problems.append(f"{found.name}: cannot be read ({refusal(error)})")
+            self.problems.append(f"{entry.name}: cannot be read ({refusal(error)})")
             return
         with os.fdopen(number, "rb") as file:
             state = os.fstat(number)
             end = ending(file) or FileEnding(state.st_size, b"")
             file.seek(0)
             try:
-                with self.new_file(found.name, state.st_mtime, state.st_size) as member:
+                with self.new_file(entry.name, state.st_mtime, state.st_size) as member:
                     _copy(file, member, end.begin)
                     member.write(end.data)
             except _TornError as torn:
-                self.problems.append(f"{found.name}: {torn}")
+                self.problems.append(f"{entry.name}: {torn}")
 
-    def _files_in(self, folder: Path, called: str) -> Iterator[_Found]:
+    def _files_in(self, folder: Path, called: str) -> Iterator[_Entry]:
         """The files below a folder, by name; folders that are links are problems."""
 
         def tell(error: OSError) -> None:
@@ -129,7 +129,7 @@ class Archive:
             links = (name for name in folders if Path(path, name).is_symlink())
             self.problems.extend(f"{under}/{name}: is a link" for name in links)
             for name in sorted(packed.intersection(files)):
-                yield _Found(f"{under}/{name}", name, number)
+                yield _Entry(f"{under}/{name}", name, number)
 
     def _is_packed(self, under: str, name: str) -> bool:
         if name.startswith("."):
@@ -155,7 +155,7 @@ class ZippedFile:
         return self._member.write(data)
 
 
-class _Found(NamedTuple):
+class _Entry(NamedTuple):
     """A file: its name in the archive, and its name in an open folder."""
 
     name: str

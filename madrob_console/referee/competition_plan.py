@@ -174,7 +174,7 @@ class PlanProgress:
 
     def out_of_plan(self, task: Task) -> bool:
         """Whether another run exceeds the plan; repeating an invalid attempt does not."""
-        attempts = next((one for one in self.tasks if one.task == task), Attempts(task))
+        attempts = next((each for each in self.tasks if each.task == task), Attempts(task))
         return bool(self.lines) and attempts.valid >= attempts.planned
 
 

@@ -61,13 +61,13 @@ def waiting_doubts(
     """The doubts that are not accepted; an acceptance holds for equal sentences only."""
     passed = {
         (name, words)
-        for one in accepted
-        for name, sentences in one.doubts.items()
+        for acceptance in accepted
+        for name, sentences in acceptance.doubts.items()
         for words in sentences
     }
     waiting = {
-        name: tuple(words for words in one.doubts if (name, words) not in passed)
-        for name, one in indicators.items()
+        name: tuple(words for words in indicator.doubts if (name, words) not in passed)
+        for name, indicator in indicators.items()
     }
     return {name: sentences for name, sentences in waiting.items() if sentences}
 
@@ -263,8 +263,8 @@ def _doubts(run: Run, indicators: Mapping[IndicatorName, Indicator]) -> Iterator
     for accepted in run.accepted_doubts:
         standing = {
             name: accepted.doubts[name]
-            for name, one in indicators.items()
-            if not set(accepted.doubts.get(name, ())).isdisjoint(one.doubts)
+            for name, indicator in indicators.items()
+            if not set(accepted.doubts.get(name, ())).isdisjoint(indicator.doubts)
         }
         if standing:
             words = f"doubt accepted: {doubted_words(standing)} ({accepted.reason})"
@@ -303,14 +303,14 @@ def practice_flags(
 
 def _protests(protests: Sequence[Protest]) -> Iterator[Flag]:
     """Protests count even for a run that does not: they may be about that."""
-    for one in protests:
-        if one.answer is None:
-            words = f"{one.title} OPEN, UNDECIDED"
+    for protest in protests:
+        if protest.answer is None:
+            words = f"{protest.title} OPEN, UNDECIDED"
             yield Flag(FlagKind.PROTEST, words, FlagWeight.ALARM, undecided=True)
         else:
-            upheld = one.answer.end in (ProtestEnd.UPHELD, ProtestEnd.PARTLY)
+            upheld = protest.answer.end in (ProtestEnd.UPHELD, ProtestEnd.PARTLY)
             weight = FlagWeight.CAUTION if upheld else FlagWeight.REMARK
-            words = f"{one.title} {one.answer.end} ({one.answer.reason})"
+            words = f"{protest.title} {protest.answer.end} ({protest.answer.reason})"
             yield Flag(FlagKind.PROTEST, words, weight)
 
 
@@ -347,10 +347,10 @@ def _recording(run: Run, quality: Quality | None) -> Iterator[Flag]:
     if run.unrecorded:
         yield Flag(FlagKind.RECORDING, unrecorded_words(run.unrecorded), FlagWeight.CAUTION)
     if quality is not None:
-        lost = (one for one in quality.remarks if one.startswith(RECORD_LOST))
-        yield from (Flag(FlagKind.RECORDING, one, FlagWeight.CAUTION) for one in lost)
-        needed = [one for one in quality.signals if not one.signal.optional]
-        silent = ((one.signal.value, _silence(one)) for one in needed)
+        lost = (remark for remark in quality.remarks if remark.startswith(RECORD_LOST))
+        yield from (Flag(FlagKind.RECORDING, remark, FlagWeight.CAUTION) for remark in lost)
+        needed = [q for q in quality.signals if not q.signal.optional]
+        silent = ((q.signal.value, _silence(q)) for q in needed)
         stepped = ((q.signal.value, "clock stepped, stamps shifted") for q in needed if q.shifted)
         faults = [*merged((name, words) for name, words in silent if words), *merged(stepped)]
         faults += [r.partition(":")[0] for r in quality.remarks if r.endswith(AGAINST_OPENING)]

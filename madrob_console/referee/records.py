@@ -545,4 +545,4 @@ class Protest:
 
 def open_protests(protests: Iterable[Protest]) -> tuple[Protest, ...]:
     """Those that wait for a decision, the first filed at the beginning."""
-    return tuple(one for one in protests if one.open)
+    return tuple(protest for protest in protests if protest.open)

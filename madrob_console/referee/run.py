@@ -259,7 +259,7 @@ def begin_run(run: Run) -> Run:
 def note_fault(run: Run, fault: TestbedFault) -> Run:
     """Adds a fault; one that was noted before gets its newest words."""
     same = (fault.time, fault.kind)
-    others = [one for one in run.faults if not fault.kind or (one.time, one.kind) != same]
+    others = [other for other in run.faults if not fault.kind or (other.time, other.kind) != same]
     return replace(run, faults=(*others, fault))
 
 

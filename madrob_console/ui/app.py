@@ -305,7 +305,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         if (refused := NOT_YET if now is None else key.refusal(now)) is not None:
             self._refuse_key(key, refused)
         elif now is not None:
-            for dialog in [one for one in self._console.dialogs if one.name == key.name]:
+            for dialog in [dialog for dialog in self._console.dialogs if dialog.name == key.name]:
                 self._console.close(dialog)
             self._open_dialog(key, ask_abort(now, ""), partial(key.question, pressed=""))
 
@@ -434,8 +434,8 @@ class MadrobApp(App[None], inherit_bindings=False):
 
         def fresh() -> Ask | str:
             snapshot = self._link.snapshot()
-            asked = NOT_YET if snapshot is None else question(snapshot)
-            return asked.shortest if tiny and isinstance(asked, Ask) else asked
+            answer = NOT_YET if snapshot is None else question(snapshot)
+            return answer.shortest if tiny and isinstance(answer, Ask) else answer
 
         self._console.open(key.name, ask.shortest if tiny else ask, fresh)
 
@@ -450,8 +450,8 @@ class MadrobApp(App[None], inherit_bindings=False):
             case Copy():
                 self._copy(intent)
             case Ask():
-                key, asked = KEYS[name], intent
-                await self._ask(key, asked, lambda now: key.refusal(now) or asked)
+                key, ask = KEYS[name], intent
+                await self._ask(key, ask, lambda now: key.refusal(now) or ask)
             case OpenRun():
                 await self._open_run(intent)
             case TakeOver() | PlaybackCommand() | ExportTeam() | ExportDossier():

@@ -45,7 +45,7 @@ class EngineLink:
         self._client: EngineClient | None = None
         self._latest: Snapshot | None = None
         self._moved = 0.0
-        self._asked: dict[str, float] = {}
+        self._last_asked: dict[str, float] = {}
         self._looked = -math.inf
         self._looking = False
 
@@ -117,7 +117,7 @@ class EngineLink:
         if self._client is None:
             raise MadrobError(NOT_YET)
         name = str(getattr(request, "name", ""))
-        self._asked[name] = math.inf
+        self._last_asked[name] = math.inf
         try:
             answer = self._client.begin_request(request)
             if not answer.done():
@@ -128,16 +128,16 @@ class EngineLink:
                     raise given_up(answer) from None
             return answer.result()
         finally:
-            self._asked[name] = self._monotonic()
+            self._last_asked[name] = self._monotonic()
 
     @property
     def asking(self) -> bool:
-        return math.inf in self._asked.values()
+        return math.inf in self._last_asked.values()
 
     def asked_lately(self, *names: str) -> bool:
         """Whether this screen makes, or made a moment ago, one of these acts or commands."""
         now = self._monotonic()
-        return any(now - self._asked.get(name, -math.inf) < LATELY for name in names)
+        return any(now - self._last_asked.get(name, -math.inf) < LATELY for name in names)
 
     def close(self) -> None:
         if self._client is not None:

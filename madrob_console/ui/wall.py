@@ -96,7 +96,7 @@ class Page:
         figures: in large digits, each with what it is.
         boxes: the six steps, each with its time or how it stands.
         table: cells by row; all but those of the first column end at their right.
-        told: rows of text.
+        below: rows of text.
     """
 
     state: Span
@@ -104,7 +104,7 @@ class Page:
     figures: Sequence[tuple[Span, str]] = ()
     boxes: Sequence[tuple[Span, str]] = ()
     table: Sequence[Sequence[Span]] = ()
-    told: Sequence[Span] = ()
+    below: Sequence[Span] = ()
 
     def drawn(self, size: Size, *, ascii_only: bool) -> PageRows:
         width, tone = size.width, _BANDS[self.state.tone]
@@ -115,7 +115,7 @@ class Page:
             _figures(self.figures, width, ascii_only=ascii_only),
             _boxes(self.boxes, size),
             _table(self.table, width),
-            _texts(self.told, width),
+            _texts(self.below, width),
         )
         parts = [part for part in every if part]
         spare = max(0, size.height - sum(map(len, parts)))
@@ -141,8 +141,8 @@ def _figures(shown: Sequence[tuple[Span, str]], width: int, *, ascii_only: bool)
     for (text, tone), caption in shown:
         rows = [text] if ascii_only else digit_rows(text)
         cells = max(len(row) for row in (*rows, caption))
-        told = (*((row, tone) for row in rows), (caption, Tone.DIM))
-        groups.append([Span(f"   {row:^{cells}}   ", of) for row, of in told])
+        lines = (*((row, tone) for row in rows), (caption, Tone.DIM))
+        groups.append([Span(f"   {row:^{cells}}   ", of) for row, of in lines])
     return [_row(width, *spans) for spans in zip(*groups, strict=True)]
 
 
@@ -153,10 +153,10 @@ def _boxes(shown: Sequence[tuple[Span, str]], size: Size) -> PageRows:
     rows: PageRows = []
     for begin in range(0, len(shown), columns):
         boxes = [
-            _box(name, told, width, inner)
+            _box(name, state, width, inner)
             if size.height >= _FRAMED
-            else [Span(fitted(f"{name.text[2:]} {told}", width), name.tone)]
-            for name, told in shown[begin : begin + columns]
+            else [Span(fitted(f"{name.text[2:]} {state}", width), name.tone)]
+            for name, state in shown[begin : begin + columns]
         ]
         rows += [
             _row(size.width, *(part for span in spans for part in (_BLANK, span)))
@@ -165,9 +165,9 @@ def _boxes(shown: Sequence[tuple[Span, str]], size: Size) -> PageRows:
     return rows
 
 
-def _box(name: Span, told: str, width: int, inner: int) -> Sequence[Span]:
+def _box(name: Span, state: str, width: int, inner: int) -> Sequence[Span]:
     above = (inner - 2) // 2
-    texts = [*[""] * above, name.text, told, *[""] * (inner - 2 - above)]
+    texts = [*[""] * above, name.text, state, *[""] * (inner - 2 - above)]
     upper, side, lower = ("   ", " ", "   ") if name.tone in _FILLED else ("┌─┐", "│", "└─┘")
     framed = [f"{side}{text:^{width - 2}}{side}" for text in texts]
     ends = [f"{end[0]}{end[1] * (width - 2)}{end[2]}" for end in (upper, lower)]
@@ -243,7 +243,7 @@ def run_page(snapshot: Snapshot) -> Page:
             (Span("-" if level is None else f"{level:.0f}", Tone.STRONG), "of 6 steps"),
         ),
         tuple(map(partial(_step, snapshot), snapshot.steps)),
-        told=[Span(text if tone is not Tone.PLAIN else "", tone)],
+        below=[Span(text if tone is not Tone.PLAIN else "", tone)],
     )
 
 
@@ -277,11 +277,11 @@ def result_page(run: RunSummary, snapshot: Snapshot) -> Page:
     values: list[Sequence[Span]] = []
     large: list[tuple[Span, str]] = []
     for name in IndicatorName:
-        known = run.uncertainties.get(name)
-        number = _number(name, run.values.get(name), known, run.sign(name))
+        uncertainty = run.uncertainties.get(name)
+        number = _number(name, run.values.get(name), uncertainty, run.sign(name))
         if name in _INDICATORS and run.valid:
             large.insert(0, (Span(number, Tone.STRONG), f"{name.words}, {name.spec.unit}"))
-        unit = f"{uncertainty_text(known)} {name.spec.unit}".strip()
+        unit = f"{uncertainty_text(uncertainty)} {name.spec.unit}".strip()
         values.append((Span(name.words), Span(number), Span(unit)))
     return Page(
         Span(f"LAST RUN: {run.outcome_word.upper()}", tone),
@@ -291,12 +291,14 @@ def result_page(run: RunSummary, snapshot: Snapshot) -> Page:
         ),
         large,
         table=values,
-        told=(Span(flags, Tone.WARN), Span(run.closing if run.valid else "")),
+        below=(Span(flags, Tone.WARN), Span(run.closing if run.valid else "")),
     )
 
 
-def _number(name: IndicatorName, value: float | None, known: Uncertainty | None, sign: str) -> str:
-    text = "-" if value is None else number_text(value, name.spec.decimals, 12, known)
+def _number(
+    name: IndicatorName, value: float | None, uncertainty: Uncertainty | None, sign: str
+) -> str:
+    text = "-" if value is None else number_text(value, name.spec.decimals, 12, uncertainty)
     return f"{text}{sign}"
 
 
@@ -311,7 +313,7 @@ def next_page(attempt: PlannedAttempt, snapshot: Snapshot) -> Page:
             Span(f"condition {condition}: {', '.join(condition_words(condition))}"),
         ),
         [(Span(attempt.time, Tone.STRONG), "planned")] if attempt.time else (),
-        told=[Span(late, Tone.WARN)],
+        below=[Span(late, Tone.WARN)],
     )
 
 
@@ -331,7 +333,7 @@ def standings_pages(rows: Sequence[Standing], height: int) -> Iterator[Page]:
         yield Page(
             Span(f"STANDINGS{part}", Tone.STRONG),
             table=[[Span(title, Tone.DIM) for title in titles], *map(_standing, shown)],
-            told=[Span(text, Tone.DIM) for text in below],
+            below=[Span(text, Tone.DIM) for text in below],
         )
 
 
@@ -393,9 +395,9 @@ class WallApp(MadrobApp, inherit_bindings=False):
             self._active = self._monotonic()
         wall.page = int((self._monotonic() - self._active) / PAGE_TIME)
         lists = snapshot.teams, snapshot.plan, snapshot.competition
-        seen = (snapshot.result, run.issue, run.closure, *lists, snapshot.practice)
-        if seen != self._read_of:
-            self._read_of = seen
+        basis = (snapshot.result, run.issue, run.closure, *lists, snapshot.practice)
+        if basis != self._read_of:
+            self._read_of = basis
             self.run_worker(partial(self._read, snapshot), thread=True, exclusive=True)
         wall.show(snapshot)
 

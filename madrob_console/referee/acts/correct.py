@@ -221,9 +221,9 @@ def _last_of(kind: DecisionKind, run: Run) -> Decision:
 def _last_decided(run: Run) -> tuple[Protest, ProtestAnswer]:
     """The protest that was decided last; withdrawals are the team's."""
     decided = [
-        (one, one.answer)
-        for one in run.protests
-        if one.answer is not None and one.answer.end is not ProtestEnd.WITHDRAWN
+        (protest, protest.answer)
+        for protest in run.protests
+        if protest.answer is not None and protest.answer.end is not ProtestEnd.WITHDRAWN
     ]
     return max(decided, key=lambda pair: (pair[1].time, pair[0].number))
 

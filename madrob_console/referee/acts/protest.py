@@ -47,14 +47,15 @@ class WithdrawProtest(Act):
 
 
 def closing_problem(number: int, run: Run) -> str | None:
-    if any(one.number == number for one in open_protests(run.protests)):
+    if any(protest.number == number for protest in open_protests(run.protests)):
         return None
     return f"protest {number} is not open: look again"
 
 
 def closed(run: Run, number: int, answer: ProtestAnswer | None) -> Run:
     protests = tuple(
-        replace(one, answer=answer) if one.number == number else one for one in run.protests
+        replace(protest, answer=answer) if protest.number == number else protest
+        for protest in run.protests
     )
     return replace(run, protests=protests)
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 KNOWN = "8.2."
 """Begin of the versions of Textual whose private parts are used here."""
 
-if not (_found := importlib.metadata.version("textual")).startswith(KNOWN):
-    raise ImportError(f"version {_found} writes twice the bytes over SSH that {KNOWN}x does")
+if not (_version := importlib.metadata.version("textual")).startswith(KNOWN):
+    raise ImportError(f"version {_version} writes twice the bytes over SSH that {KNOWN}x does")
 
 
 class CellsUpdate(ChopsUpdate):
@@ -34,8 +34,8 @@ class CellsUpdate(ChopsUpdate):
     def render_segments(self, console: Console) -> str:
         return "".join(
             f"{Control.move_to(x, y)}{strip.render(console)}"
-            for (y, _, _), found in zip(self.spans, self.chops, strict=True)
-            for x, strip in found.items()
+            for (y, _, _), strips in zip(self.spans, self.chops, strict=True)
+            for x, strip in strips.items()
             if strip is not None
         )
 
@@ -57,18 +57,18 @@ class CellCompositor(Compositor):
 
     def _cells(self, y: int, begin: int, end: int) -> dict[int, Strip | None]:
         """What the widgets show on a row by column, from `begin` to before `end`."""
-        found: dict[int, Strip | None] = {}
+        strips: dict[int, Strip | None] = {}
         gaps = [(begin, end)]
-        for widget, seen, region in self.layers_visible[y]:  # the front one first
+        for widget, visible, region in self.layers_visible[y]:  # the front one first
             open_gaps: list[tuple[int, int]] = []
             for left, right in gaps:
-                first, last = max(left, seen.x), min(right, seen.right)
+                first, last = max(left, visible.x), min(right, visible.right)
                 if first >= last:
                     open_gaps.append((left, right))
                     continue
-                asked = Region(first - region.x, y - region.y, last - first, 1)
-                (found[first],) = widget.render_lines(asked)
+                wanted = Region(first - region.x, y - region.y, last - first, 1)
+                (strips[first],) = widget.render_lines(wanted)
                 open_gaps += [gap for gap in ((left, first), (last, right)) if gap[0] < gap[1]]
             if not (gaps := open_gaps):
                 break
-        return found
+        return strips

@@ -39,7 +39,7 @@ class Drafts:
 
     def settle(self, name: str, *, refused: bool) -> None:
         """What `name` has asked is answered, and its act was refused or took effect."""
-        self.kept = {asked: text for asked, text in self.kept.items() if asked[0] != name}
+        self.kept = {question: text for question, text in self.kept.items() if question[0] != name}
         self.kept |= self.typed if refused else {}
         self.typed = {}
 
@@ -173,29 +173,29 @@ class Dialog(Vertical):
     def look_again(self) -> None:
         if self._fresh is None or not (self._open or self.overtaken):
             return
-        found = self._fresh()
-        if isinstance(found, str):
-            if found != self.overtaken:
-                self._change(found)
+        fresh = self._fresh()
+        if isinstance(fresh, str):
+            if fresh != self.overtaken:
+                self._change(fresh)
             return
-        before, self.ask = self.ask, found
-        same = _without_words(found) == _without_words(before)
-        if not same or found.questions != before.questions:
-            self._take_questions(before, found)
+        before, self.ask = self.ask, fresh
+        same = _without_words(fresh) == _without_words(before)
+        if not same or fresh.questions != before.questions:
+            self._take_questions(before, fresh)
             self._prompt.redraw()
         if not same or self.overtaken:
             self._change("")
 
     def _take_questions(self, before: Ask, now: Ask) -> None:
         """Takes other questions; keeps the answers so far that also answer these."""
-        asked = len(now.questions) - len(self._open)
+        answered = len(now.questions) - len(self._open)
         alike = [*map(_kind, before.questions)] == [*map(_kind, now.questions)]
         if not alike or before.title != now.title:
             self._open, self.answers = list(now.questions), []
             self._show()
             return
-        free = isinstance(self._open[0], Write) and isinstance(now.questions[asked], Pick)
-        self._open = [*self._open[:free], *now.questions[asked + free :]]
+        free = isinstance(self._open[0], Write) and isinstance(now.questions[answered], Pick)
+        self._open = [*self._open[:free], *now.questions[answered + free :]]
         self.question = self._open[0]
 
     def _change(self, overtaken: str) -> None:
@@ -308,7 +308,7 @@ class Dialog(Vertical):
         if answer is not None:
             self.answers.append(answer)
             if isinstance(answered, Write):
-                self._drafts.typed[self._asked(answered)] = answer
+                self._drafts.typed[self._draft_key(answered)] = answer
         if not self._open:
             self.post_message(self.Answered(self))
             return
@@ -323,12 +323,12 @@ class Dialog(Vertical):
         self._field.display = isinstance(question, Write)
         self._field.value = ""
         if isinstance(question, Write):
-            draft = self._drafts.kept.get(self._asked(question))
+            draft = self._drafts.kept.get(self._draft_key(question))
             self._field.value = draft or question.initial
         self._prompt.redraw()
         self._take_focus()
 
-    def _asked(self, question: Write) -> tuple[str, ...]:
+    def _draft_key(self, question: Write) -> tuple[str, ...]:
         return (self.name or "", self.about, self.ask.title, question.text)
 
 
@@ -338,10 +338,11 @@ def _kind(question: Question) -> object:
 
 def _without_words(ask: Ask) -> tuple[object, ...]:
     """Title and questions, without the words beside the same options: sensors change those."""
-    asked = (
-        replace(one, text="", below=()) if isinstance(one, Pick) else one for one in ask.questions
+    questions = (
+        replace(question, text="", below=()) if isinstance(question, Pick) else question
+        for question in ask.questions
     )
-    return (ask.title, *asked)
+    return (ask.title, *questions)
 
 
 _BESIDE = 3
@@ -353,7 +354,9 @@ _MOST_ROWS = 3
 def _options(options: Sequence[Option], cursor: int, width: int) -> list[Line]:
     """Side by side where three rows hold them all, else one a row."""
     cells = [
-        _option(one, width, at_cursor=at == cursor) for at, one in enumerate(options) if one.label
+        _option(option, width, at_cursor=at == cursor)
+        for at, option in enumerate(options)
+        if option.label
     ]
     rows: list[Line] = []
     for cell in cells:

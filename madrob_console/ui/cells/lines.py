@@ -344,8 +344,8 @@ class Choice(Lines, Generic[V], can_focus=True):
 
     @value.setter
     def value(self, value: V) -> None:
-        for index, (_, known) in enumerate(self._options):
-            if known == value:
+        for index, (_, option) in enumerate(self._options):
+            if option == value:
                 self._index = index
         self.redraw()
 

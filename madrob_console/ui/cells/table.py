@@ -168,7 +168,7 @@ class Table(Lines, Generic[Row], can_focus=True):
         self.marks_cells = marks_cells
         self.empty = self.legend = ""
         self.strong: Collection[str] = ()
-        self._given: Sequence[Row] = ()
+        self._all_rows: Sequence[Row] = ()
         self.rows: Sequence[Row] = ()
         self._by = columns[0]
         self._falling = columns[0].falling
@@ -193,7 +193,7 @@ class Table(Lines, Generic[Row], can_focus=True):
 
     def set_rows(self, rows: Sequence[Row], *, from_top: bool = False) -> None:
         """Rows that sort alike keep this order; `from_top` marks the first, else the mark stays."""
-        self._given = rows
+        self._all_rows = rows
         self._arrange(from_top=from_top)
 
     def narrow(self, text: str, none: str = "nothing passes the filter") -> None:
@@ -227,7 +227,7 @@ class Table(Lines, Generic[Row], can_focus=True):
             for number, row in enumerate(in_view, self._top)
         ]
         if not body:
-            body = [line(Span(f"  {self._none if self._given else self.empty}", Tone.DIM))]
+            body = [line(Span(f"  {self._none if self._all_rows else self.empty}", Tone.DIM))]
         blank: list[Line] = [()] * (room - len(body))
         return [self._header(layout), *body, *blank, self._foot(layout, len(in_view), width)]
 
@@ -286,7 +286,7 @@ class Table(Lines, Generic[Row], can_focus=True):
     def take_click(self, target: str, event: events.Click) -> None:
         """A head sorts by its column, again it turns the order; a cell is marked."""
         title = target.removeprefix(_SORTS)
-        column = next((one for one in self.columns if one.title == title), None)
+        column = next((column for column in self.columns if column.title == title), None)
         if column is None:
             super().take_click(target, event)
         elif title == target:
@@ -304,12 +304,12 @@ class Table(Lines, Generic[Row], can_focus=True):
 
     def _arrange(self, *, from_top: bool) -> None:
         marked = None if self.selected is None else self._key(self.selected)
-        value, given = self._by.value, self._given
+        value, rows = self._by.value, self._all_rows
         if self._filter:
-            given = [row for row in given if self._passes(row, self._filter)]
-        valued = [(found, row) for row in given if (found := value(row)) is not None]
+            rows = [row for row in rows if self._passes(row, self._filter)]
+        valued = [(cell, row) for row in rows if (cell := value(row)) is not None]
         valued.sort(key=lambda pair: pair[0], reverse=self._falling)
-        missing = [row for row in given if value(row) is None]
+        missing = [row for row in rows if value(row) is None]
         self.rows = [*(row for _, row in valued), *missing]
         keys = (number for number, row in enumerate(self.rows) if self._key(row) == marked)
         self.mark(0 if from_top else next(keys, self._cursor))
@@ -356,7 +356,7 @@ class Table(Lines, Generic[Row], can_focus=True):
     def _foot(self, layout: ColumnLayout[Row], shown: int, width: int) -> Line:
         where = f"{self._top + 1}-{self._top + shown} of {len(self.rows)}" if shown else "none"
         if self._filter:
-            where += f", filtered from {len(self._given)} (Escape shows all)"
+            where += f", filtered from {len(self._all_rows)} (Escape shows all)"
         left = f"<- {layout.before} " if layout.before else ""
         right = f" {layout.after} ->" if layout.after else ""
         more = f"{left}columns{right}" if left or right else ""

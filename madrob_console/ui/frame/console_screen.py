@@ -205,15 +205,15 @@ class ConsoleScreen(Screen[None]):
         else:
             about, hint = "" if now.run.setup is None else who_text(now.run), ""
             pane = "live" if now.result is None else "results"
-        found = [(key, key.refusal(now)) for key in MENU if pane in key.where]
+        choices = [(key, key.refusal(now)) for key in MENU if pane in key.where]
         if now.right.only_watches or now.playback is not None:
-            found, hint = [(key, why) for key, why in found if why is None], ""
-        found = [(key, why) for key, why in found if key.name != "take" or why is None]
+            choices, hint = [(key, why) for key, why in choices if why is None], ""
+        choices = [(key, why) for key, why in choices if key.name != "take" or why is None]
         acts = (KEYS["rule"], KEYS["incident"], KEYS["take_back"])
         direct = [key for key in acts if pane in key.where and key.refusal(now) is None]
         which = f"What do you want to do with {about}?"
         title = which if about else "There is no run here. What do you want to do?"
-        return ask_menu(title, found, direct, hint)
+        return ask_menu(title, choices, direct, hint)
 
     def selected_run(self) -> SelectedRun | str:
         """The marked run of the history, else the one that is shown; else why there is none."""
@@ -257,35 +257,37 @@ class ConsoleScreen(Screen[None]):
     def ask_about_false_start(self) -> None:
         """Asks once about each held countdown where it can be decided; closes once it is."""
         now = self._latest
-        for dialog in [one for one in self.dialogs if one.name == "accept" and one.overtaken]:
+        for dialog in [
+            dialog for dialog in self.dialogs if dialog.name == "accept" and dialog.overtaken
+        ]:
             self.close(dialog)
         if now is None or now.run.held in (None, self._asked_held) or self.dialogs:
             return
 
-        def asked() -> Ask | str:
+        def question() -> Ask | str:
             now = self._latest
             if now is None:
                 return NOT_YET
             return now.refusal(AcceptFalseStart.name) or ask_false_start(now.run)
 
-        if not isinstance(ask := asked(), str):
+        if not isinstance(ask := question(), str):
             self._asked_held = now.run.held
             self.show_pane("live", chosen=False)
-            self.open("accept", ask, asked)
+            self.open("accept", ask, question)
             self._ahead.replaced("the question has just come")
 
     def ask_about(self, folder: str) -> bool:
         """Asks what becomes of a run that was cut off; False if nobody here can decide it."""
 
-        def asked() -> Ask | str:
+        def question() -> Ask | str:
             now = self._latest
             runs = () if now is None or now.refusal(SetUp.name) else now.unfinished
-            found = (ask_unfinished(run) for run in runs if run.folder == folder)
-            return next(found, "it is decided: another console has opened it")
+            asks = (ask_unfinished(run) for run in runs if run.folder == folder)
+            return next(asks, "it is decided: another console has opened it")
 
-        if isinstance(ask := asked(), str):
+        if isinstance(ask := question(), str):
             return False
-        self.open("unfinished", ask, asked)
+        self.open("unfinished", ask, question)
         return True
 
     async def begin_polling(self) -> None:
@@ -372,8 +374,12 @@ class ConsoleScreen(Screen[None]):
     def _tell_export(self, before: Snapshot | None, now: Snapshot) -> None:
         """Says what has become of an export; not of one that was there before this screen."""
         if before is not None and now.export is not None and now.export != before.export:
-            made, bad = bool(now.export.path), bool(now.export.problem)
-            tone = (Tone.WARN if made else Tone.BAD) if bad else (Tone.GOOD if made else Tone.PLAIN)
+            exported, bad = bool(now.export.path), bool(now.export.problem)
+            tone = (
+                (Tone.WARN if exported else Tone.BAD)
+                if bad
+                else (Tone.GOOD if exported else Tone.PLAIN)
+            )
             self.say(export_text(now.export), tone)
 
     def _tell_lists(self, before: Snapshot | None, now: Snapshot) -> None:
@@ -387,8 +393,8 @@ class ConsoleScreen(Screen[None]):
             attempts = sum(line.attempts for line in now.plan.lines)
             read.append(f"The plan was read again: {attempts} attempts.")
         if read or before is None:
-            known = now.teams.problems if before is None else self._notes(before)
-            notes = [words for words in self._notes(now) if words not in known]
+            said = now.teams.problems if before is None else self._notes(before)
+            notes = [words for words in self._notes(now) if words not in said]
             if notes or read:
                 self.say("; ".join(notes or read), Tone.WARN if notes else Tone.GOOD)
 
@@ -526,7 +532,7 @@ class ConsoleScreen(Screen[None]):
 
     def is_clickable(self, at: Offset) -> bool:
         """Whether a click there counts: beside an open question the footer alone takes one."""
-        return any(one.region.contains_point(at) for one in (*self.dialogs[-1:], self._keys))
+        return any(widget.region.contains_point(at) for widget in (*self.dialogs[-1:], self._keys))
 
     def _ring(self, before: Snapshot | None, now: Snapshot) -> None:
         """Rings when a run starts, is held or stops, or a fault appears; never for what is over."""
@@ -534,8 +540,8 @@ class ConsoleScreen(Screen[None]):
             return
         started = now.run.phase is Phase.RUNNING is not before.run.phase
         stopped = before.run.active and not now.run.active
-        known = {*before.all_faults, now.pulse_words or "" if before.pulse.words else ""}
-        new = {*map(cause_of, now.all_faults)} - {*map(cause_of, known)}
+        faults = {*before.all_faults, now.pulse_words or "" if before.pulse.words else ""}
+        new = {*map(cause_of, now.all_faults)} - {*map(cause_of, faults)}
         held = now.run.held not in (None, before.run.held)
         taken = now.notice is not None and now.notice != before.notice
         if started or stopped or held or taken or new:

@@ -146,14 +146,14 @@ class FaultLine(View):
         self.whole_below = False
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        told = notices(snapshot, width)
+        above = notices(snapshot, width)
         if not snapshot.all_faults:
             where = fitted(snapshot.competition, min(cell_len(snapshot.competition), width - 10))
             left = fitted("no faults", width - cell_len(where))
-            return told or [line(Span(left + where, Tone.DIM))]
+            return above or [line(Span(left + where, Tone.DIM))]
         rows = short_form(snapshot, width, BELOW if self.whole_below else ON_LIVE).rows
         marks = [FAULT] + [" " * len(FAULT)] * (len(rows) - 1)
-        return told + [
+        return above + [
             line(Span(mark, Tone.ALARM), Span(row, Tone.BAD))
             for mark, row in zip(marks, rows, strict=True)
         ]
@@ -187,8 +187,8 @@ class KeyLine(View):
         if self._snapshot is not None and self._snapshot.pulse.gone:
             return [_without_engine(self._snapshot)]
         keys = self._possible(self._snapshot)[:MOST_KEYS]
-        told = "typing; Esc: keys" if self.typing else "a question is open" if self.asks else ""
-        head = line(Span(told, Tone.STRONG), "  ") if told else ()
+        state = "typing; Esc: keys" if self.typing else "a question is open" if self.asks else ""
+        head = line(Span(state, Tone.STRONG), "  ") if state else ()
         tail = () if self.asks else (KEYS["help"],)
         while width_of(row := (*head, *self._row((*keys, *tail)))) > width and keys:
             keys.pop()

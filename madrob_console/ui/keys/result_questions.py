@@ -91,10 +91,12 @@ def _checklist(snapshot: Snapshot) -> tuple[str, ...]:
     flags, unchanged = snapshot.flags, _without_effect(snapshot.run)
     steps = ", ".join(f"{record.step:d}" for record in snapshot.steps if record.done)
     main = (IndicatorName.CAPABILITY_LEVEL, IndicatorName.EXECUTION_TIME)
-    values = [f"{n.words} {one.text}" for n, one in snapshot.indicators.items() if n in main]
+    values = [
+        f"{n.words} {indicator.text}" for n, indicator in snapshot.indicators.items() if n in main
+    ]
     rows = ["; ".join((f"{snapshot.run.outcome}, steps {steps or 'none'}", *values))]
     rows += [f"! {flag.words}" for flag in undecided(flags)]
-    rows += [f"! {one.title} was upheld: nothing was changed since" for one in unchanged]
+    rows += [f"! {protest.title} was upheld: nothing was changed since" for protest in unchanged]
     if others := [flag.words for flag in flags if not flag.undecided]:
         rows.append(f"- {'; '.join(others)}")
     return tuple(rows)
@@ -105,9 +107,9 @@ def _without_effect(run: Run) -> list[Protest]:
     changed = -math.inf if run.changed is None else run.changed
     upheld = (ProtestEnd.UPHELD, ProtestEnd.PARTLY)
     return [
-        one
-        for one in run.protests
-        if one.answer is not None and one.answer.end in upheld and changed < one.time
+        protest
+        for protest in run.protests
+        if protest.answer is not None and protest.answer.end in upheld and changed < protest.time
     ]
 
 
@@ -280,10 +282,10 @@ _FILING = "PROTEST: the result stays open until it is decided"
 
 def _ask_about(snapshot: Snapshot) -> Ask:
     run = snapshot.run
-    steps = {f"step {one.step:d}: {one.step.text}": one for one in snapshot.steps}
+    steps = {f"step {step.step:d}: {step.step.text}": step for step in snapshot.steps}
     options = (
         Option("w", WHOLE_RUN, WHOLE_RUN),
-        *(Option(str(one.step.value), one.step.text, words) for words, one in steps.items()),
+        *(Option(str(step.step.value), step.step.text, words) for words, step in steps.items()),
         Option("i", "an indicator", "indicator"),
         Option("t", "a time of the run: type it", "time"),
     )
@@ -306,7 +308,7 @@ def _ask_indicator(snapshot: Snapshot) -> Ask:
     options = tuple(
         Option(chr(ord("a") + number), name.words, name.words)
         for number, name in enumerate(
-            [one for one in IndicatorName if one in snapshot.indicators] or list(IndicatorName)
+            [each for each in IndicatorName if each in snapshot.indicators] or list(IndicatorName)
         )
     )
     question = Pick("Which indicator?", options)
@@ -337,14 +339,14 @@ def _ask_words(snapshot: Snapshot, about: str, at: float | None) -> Ask:
 
 def _ask_which(snapshot: Snapshot, title: str, then: Callable[[Protest], Ask]) -> Intent:
     """Asks which protest is meant, where several are open; `then` makes the next dialog."""
-    waiting = {str(one.number): one for one in open_protests(snapshot.run.protests)}
+    waiting = {str(protest.number): protest for protest in open_protests(snapshot.run.protests)}
     if not waiting:
         return NONE_OPEN
     if len(waiting) == 1:
         return then(*waiting.values())
     options = tuple(
-        Option(chr(ord("a") + at), f"{one.title} of {one.team}", number)
-        for at, (number, one) in enumerate(list(waiting.items())[:9])
+        Option(chr(ord("a") + at), f"{protest.title} of {protest.team}", number)
+        for at, (number, protest) in enumerate(list(waiting.items())[:9])
     )
     question = Pick("Which one?", options)
     return Ask(title, (question,), lambda number: then(waiting[number]))

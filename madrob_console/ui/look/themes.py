@@ -250,8 +250,8 @@ def to_ascii(text: str) -> str:
             drawn.append(char)
             continue
         parts = unicodedata.normalize("NFKD", char)
-        known = parts[0].isascii() and cells == 1 and all(map(unicodedata.combining, parts[1:]))
-        drawn.append(parts[0] if known else UNKNOWN * cells)
+        is_letter = parts[0].isascii() and cells == 1 and all(map(unicodedata.combining, parts[1:]))
+        drawn.append(parts[0] if is_letter else UNKNOWN * cells)
     return "".join(drawn)
 
 
