@@ -25,7 +25,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF, KEYS
+from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF, KEYS, with_caps
 from madrob_console.ui.keys.questions import NO_REASON
 from madrob_console.ui.link import LOOKING_PERIOD
 from tests.madrob_console.run_folders import summary
@@ -104,7 +104,7 @@ async def test_from_every_state_every_key_acts_asks_or_says_why_not(
         await driver.settle()
         asked = list(driver.console.dialogs)
         if refused is not None:
-            assert driver.console.status == f"Refused: {key.act}: {refused}", key
+            assert driver.console.status == f"Refused: {key.act}: {with_caps(refused)}", key
             assert (engine.acts, asked) == (acts, []), key
         elif asked:
             assert engine.acts == acts, key
