@@ -175,6 +175,8 @@ class Child:
         return f"it ended with code {code}"
 
 
+_ENDED = "the engine has ended"
+
 _replies = msgspec.msgpack.Decoder(Reply)
 
 
@@ -254,6 +256,8 @@ class Worker:
         number = next(self._numbers)
         question = WorkerQuestion(number, content, decoder, due, deadline, urgency, retries)
         self._questions[number] = question
+        if self._over:
+            self._refuse(question, _ENDED)
         self.ring()
         return question.answer
 
@@ -327,7 +331,7 @@ class Worker:
 
     def _refuse(self, question: WorkerQuestion, why: str) -> None:
         fail(question.answer, why)
-        del self._questions[question.number]
+        self._questions.pop(question.number, None)
 
     # ------------------------------------------------------------------ for subclasses
 
@@ -375,7 +379,7 @@ class Worker:
                 self.work(time.monotonic())
             self._rest(pause if pause > 0 else LOOK_PERIOD)
         for question in self.questions():
-            self._refuse(question, "the engine has ended")
+            self._refuse(question, _ENDED)
         with self._lock:
             os.close(self._bell)
             self._bell = None

@@ -191,6 +191,7 @@ def test_every_question_is_answered_when_the_engine_ends(tmp_path: Path) -> None
     with closing(Supervisor(worker)):
         waiting = [worker.ask((str(tmp_path / "slow"), 0, 60.0), NUMBER) for _ in range(2)]
         until((tmp_path / "slow").exists)
+    waiting.append(worker.ask((str(tmp_path / "slow"), 0, 60.0), NUMBER))  # after its end
     for answer in waiting:
         with pytest.raises(MadrobError, match="the engine has ended"):
             answer.result(10.0)
