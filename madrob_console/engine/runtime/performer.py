@@ -198,8 +198,11 @@ class Performer:
                 self._leave_run(effect)
             case ReopenJournal():
                 self._reopen_journal(effect)
-            case KeepJournal() | CloseJournal():
-                self._keep_journal(keep=isinstance(effect, KeepJournal))
+            case KeepJournal():
+                journal = self._reopened_journal()
+                self.journal.adopt(journal, journal.lines)
+            case CloseJournal():
+                self._disk.own.submit_job(self._reopened_journal().close)
             case ListCutOffRuns():
                 # behind the journal that was left
                 self._disk.own.submit_job(lambda: None, lambda _: self.list_cut_off_runs())
@@ -273,13 +276,10 @@ class Performer:
         job = partial(OpenJournal.reopen, earlier.folder, earlier.entries)
         self._disk.own.submit_job(job, reopened)
 
-    def _keep_journal(self, *, keep: bool) -> None:
+    def _reopened_journal(self) -> OpenJournal:
         journal, self._reopened = self._reopened, None
         assert journal is not None
-        if keep:
-            self.journal.adopt(journal, journal.lines)
-        else:
-            self._disk.own.submit_job(journal.close)
+        return journal
 
     def _leave_run(self, left: LeaveRun) -> None:
         problem, journal = left.problem or self.journal.problem, self.journal
