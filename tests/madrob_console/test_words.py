@@ -15,6 +15,13 @@ from madrob_console.ui.keys.key_table import CALLED
 ROOT = Path(__file__).parents[2]
 SAID = sorted((ROOT / "madrob_console").rglob("*.py"))
 """Whose texts people may read, on screens, pages and the command line."""
+GUIDE = ROOT / "madrob_console" / "guide"
+PAPERS = [
+    ROOT / "README.md",
+    ROOT / "madrob_console" / "CHANGELOG.md",
+    ROOT / "scoring" / "PROTOCOL.md",
+    *sorted(GUIDE.glob("*.md")),
+]
 
 FOR_PROGRAMS = {
     *(("outputs.py", "provisional"), ("check.py", "recomputed"), ("collection.py", "sub")),
@@ -39,12 +46,16 @@ WRONG = {
     r"\bappeal\w*": "protest",
 }
 """What is not said, and what is."""
+IN_THE_TABLE = {"correct": "correction", "scored again": "score"}
+"""The guide's words of which others are made."""
 
 
 @cache
 def texts_of(path: Path) -> tuple[tuple[int, str], ...]:
-    found = texts(path.read_text(encoding="utf-8"))
-    return tuple((line, text) for line, text in found if (path.name, text) not in FOR_PROGRAMS)
+    source = path.read_text(encoding="utf-8")
+    prose = re.sub("`[^`\\n]*`", "", source)  # what is in backticks is for programs
+    lines = texts(source) if path.suffix == ".py" else enumerate(prose.splitlines(), 1)
+    return tuple((line, text) for line, text in lines if (path.name, text) not in FOR_PROGRAMS)
 
 
 def texts(source: str) -> Iterator[tuple[int, str]]:
@@ -64,10 +75,23 @@ def texts(source: str) -> Iterator[tuple[int, str]]:
 @pytest.mark.parametrize("wrong", WRONG)
 def test_one_word_for_one_thing(wrong: str) -> None:
     assert len(SAID) > 100
-    found = [
+    assert len(PAPERS) > 8
+    places = [
         f"{path.relative_to(ROOT)}:{line}: {text!r}; say: {WRONG[wrong]}"
-        for path in SAID
+        for path in [*SAID, *PAPERS]
         for line, text in texts_of(path)
         if re.search(wrong, text, re.IGNORECASE)
     ]
-    assert found == []
+    assert places == []
+
+
+def test_the_words_to_say_are_those_of_the_guide() -> None:
+    _, table = (GUIDE / "referee.md").read_text(encoding="utf-8").split("## Words\n")
+    terms = {
+        term
+        for row in table.splitlines()
+        if row.startswith("| ")
+        for term in row.split("|")[1].strip().split(", ")
+    }
+    said = {word for words in WRONG.values() for word in words.split(", ")}
+    assert {IN_THE_TABLE.get(word, word) for word in said} <= terms
