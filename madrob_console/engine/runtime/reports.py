@@ -299,8 +299,8 @@ class Reporting:
         """Have a chore done, `anew` in place of one of this name that waits."""
         worker = self.workers[-1] if kind is ChoreKind.COMMAND else self._pages
         before = [each.answer for each in worker.questions() if each.content.name == name]
-        if not anew and not all(answer.done() for answer in before):
-            return
+        if not anew and (worker.is_over or not all(answer.done() for answer in before)):
+            return  # what an engine that ends leaves unmade the next one makes
         for answer in before:
             answer.cancel()
         chore, due = Chore(name, kind, arguments), time.monotonic() + pause

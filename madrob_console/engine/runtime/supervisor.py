@@ -384,6 +384,11 @@ class Worker:
             os.close(self._bell)
             self._bell = None
 
+    @property
+    def is_over(self) -> bool:
+        """Whether it was told to end: whatever is asked from now on is refused at once."""
+        return self._over
+
     def end(self) -> None:
         """A process that goes on alone gets what waits for it."""
         self._over = True

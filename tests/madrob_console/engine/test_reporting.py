@@ -26,7 +26,7 @@ from madrob_console.engine.ipc.server import AGAIN, LogOnce
 from madrob_console.engine.ipc.service import FallenThreads
 from madrob_console.engine.requests import ExportTeam, OpenRun, Role
 from madrob_console.engine.runtime.engine_thread import LocalEngine
-from madrob_console.engine.runtime.reports import WantedPages
+from madrob_console.engine.runtime.reports import Reporting, WantedPages
 from madrob_console.engine.snapshot import ExportView, Snapshot
 from madrob_console.pages.related_runs import RelatedRuns
 from madrob_console.pages.report import report_html
@@ -87,6 +87,17 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     assert later.open(left) is None
     later.engine.close()
     assert told[5:] == [(cut_off, 1)] * 2
+
+
+def test_what_an_engine_that_ends_refuses_is_not_asked_again_and_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    reporting = Reporting(("none",), tmp_path)
+    for worker in reporting.workers:
+        worker.end()
+    reporting.repair()
+    assert "the engine has ended" in str(reporting.problem)
+    assert caplog.records == []
 
 
 @pytest.fixture
