@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
+from pathlib import Path
 from typing import Self, TypeVar
 
 PATIENCE = 30.0  # s; only a test that fails waits so long
@@ -28,7 +28,34 @@ def until(look: Callable[[], _T], patience: float = PATIENCE) -> _T:
     return seen
 
 
-class Stutter:
+def wait_gone(pid: int) -> None:
+    """Until a process that is no child has gone."""
+
+    def gone() -> bool:
+        try:
+            stat = Path(f"/proc/{pid}/stat").read_text()
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        return stat.rpartition(")")[2].split()[0] == "Z"
+
+    until(gone)
+
+
+class Closing:
+    """Closed at the end of a `with` block."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End what was begun."""
+        raise NotImplementedError
+
+
+class Stutter(Closing):
     """How late this machine wakes those who wait, while inside: a limit on the clock allows for it.
 
     Attributes:
@@ -50,12 +77,8 @@ class Stutter:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Watch no more."""
         self._over.set()
         self._thread.join()
 

@@ -1,4 +1,4 @@
-"""`madrob` as a process of its own; an engine among them, with a client that acts as the referee.
+"""`madrob` as a process of its own: an engine with a client that acts as the referee, or consoles.
 
 With `clock` the process sees a wall clock of its own (Debian's faketime); the machine's is not
 touched.
@@ -7,14 +7,17 @@ touched.
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from subprocess import CompletedProcess
+from types import MappingProxyType
 from typing import Any, Self
 
 import msgspec
@@ -23,13 +26,17 @@ from madrob_console.engine.ipc.client import NotYetError, RemoteEngine
 from madrob_console.engine.ipc.discovery import running_engines
 from madrob_console.engine.requests import Perform, Role
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
+from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.checks import blocking
+from madrob_console.referee.journal import Entry, read_journal
+from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import CheckName, RunSetup
 from madrob_console.referee.run import Phase
-from tests.watching import Stutter, until
+from tests.terminal import Terminal
+from tests.watching import Closing, Stutter, until, wait_gone
 
 ROOT = Path(__file__).parents[2]
+MADROB = [sys.executable, "-m", "madrob_console.cli.main"]
 STARTING = 60.0
 ZERO_NEEDS = 1.1  # s: the handle's zero is the mean of a second
 BY_HAND = (CheckName.HANDLE, CheckName.POSE)
@@ -127,7 +134,7 @@ class WallClock:
         part.replace(self._file)
 
 
-class EngineProcess:
+class EngineProcess(Closing):
     """One engine, one referee.
 
     Args:
@@ -181,15 +188,8 @@ class EngineProcess:
         """By which it is found."""
         return next(one.stem for one in running_engines() if one.pid == self.process.pid)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """End it, by force where it does not."""
         with suppress(AssertionError):
             self.end()
         self._kill()
@@ -242,15 +242,18 @@ class EngineProcess:
             refused = self.client.send_request(Perform.of(act))
             assert refused is None, refused
 
-    def start(self, setup: RunSetup) -> None:
-        """From the set-up to the running phase."""
+    def start(self, setup: RunSetup, waived: Collection[CheckName] = ()) -> None:
+        """From the set-up to the running phase; what then fails of `waived` is waived."""
         self.act(SetUp(setup))
-        self.wait_for(lambda s: all(c.name in BY_HAND for c in blocking(s.checks)))
+        mendable = {*BY_HAND, *waived}
+        self.wait_for(lambda s: mendable.issuperset(c.name for c in blocking(s.checks)))
         fresh = self.snapshot().time
         self.wait_for(lambda s: s.time > fresh + ZERO_NEEDS)
         # on a busy machine the force may be old for a moment: a referee presses again
         self.wait_for(lambda _: self.client.send_request(Perform.of(ZeroHandle())) is None)
         self.act(ConfirmPose())
+        for name in waived:  # it may pass by now
+            self.client.send_request(Perform.of(Waive(name, "a proof")))
         self.wait_for(lambda s: not blocking(s.checks))
         self.act(Start())
         self.wait_for(lambda s: s.run.phase is Phase.RUNNING)
@@ -258,8 +261,7 @@ class EngineProcess:
     def result(self, timeout: float = STARTING) -> dict[str, Any]:
         """The content of `result.json`, once it is there."""
         self.wait_for(lambda s: s.result is not None, timeout)
-        document: dict[str, Any] = msgspec.json.decode((self.folder / "result.json").read_bytes())
-        return document
+        return result_of(self.folder)
 
     @property
     def folder(self) -> Path:
@@ -267,3 +269,145 @@ class EngineProcess:
         folder = self.snapshot().folder
         assert folder is not None
         return Path(folder)
+
+
+def result_of(folder: Path, timeout: float = 0.0) -> dict[str, Any]:
+    """The content of a run's `result.json`, once it is there."""
+    path = folder / "result.json"
+    until(path.exists, timeout)
+    document: dict[str, Any] = msgspec.json.decode(path.read_bytes())
+    return document
+
+
+def journal_of(folder: Path) -> tuple[Entry, ...]:
+    """What was said and done in a run; nothing before it has a journal."""
+    path = folder / "journal.jsonl"
+    return read_journal(path)[0] if path.exists() else ()
+
+
+READING = 1.0
+"""A person takes so long to read why a key was left out, s: what is typed sooner goes with it."""
+
+_AGAIN = (" is left out: ", "Refused: ")
+
+
+class Console(Terminal):
+    """The screens, and what a referee does before them."""
+
+    def answer(self, key: str, *texts: str) -> None:
+        """Press a key until all of `texts` are on the screen.
+
+        A key that comes before a person could have read what is new is left out, and on a busy
+        machine the testbed is silent for a moment: both are said, and who reads it presses again.
+        """
+        for _ in range(5):
+            before = self._refusal()
+            self.press(key)
+
+            def said(before: str = before) -> str:
+                refusal = self._refusal()
+                return self.shows(texts[0]) or refusal * (refusal != before)
+
+            if self.wait_until(said, repr(texts[0]), STARTING) == texts[0]:
+                break
+            time.sleep(READING)
+        for text in texts:
+            self.wait_for(text, timeout=STARTING)
+
+    def _refusal(self) -> str:
+        return next((row for row in self.screen() if any(word in row for word in _AGAIN)), "")
+
+    def make_ready(self) -> None:
+        """From the first screen, or the result of a run, to all that a start needs."""
+        ready, done = "2 of 9 checks fail", "is set up"
+        first = self.wait_for(ready, "not final. Enter", "x is the next run", timeout=STARTING)
+        self.answer("Enter" if first == ready else "x", done)
+        if self.wait_for(ready, "1 of 9 checks fail", timeout=STARTING) == ready:
+            self.answer("F7", "Done: handle zeroed")
+        self.answer("F6", "all passed or waived")
+
+    def start_a_run(self) -> None:
+        """From there to a countdown."""
+        self.make_ready()
+        self.answer("F5", "COUNTDOWN")
+
+
+class Hall(Closing):
+    """A results folder, a place for sockets, and the programs that a test runs there.
+
+    Args:
+        speed: of the simulated testbed.
+        results: the results folder; None = beside the sockets.
+        settings: what its settings file says.
+    """
+
+    def __init__(
+        self,
+        speed: float = 4.0,
+        results: Path | None = None,
+        settings: str = f"{NO_REPORTS}[checks]\ndisk_space = 0\n",
+    ) -> None:
+        # a socket's path has 107 characters at most: pytest's folders are longer
+        self.folder = Path(tempfile.mkdtemp(prefix="madrob-"))
+        self.results = results or self.folder / "runs"
+        self.speed, self.scenario = speed, "nominal"
+        self.stutter = Stutter()
+        self.environment = {"XDG_STATE_HOME": str(self.folder), "PYTHONPATH": str(ROOT)}
+        self._settings = self.folder / "madrob.toml"
+        self._settings.write_text(settings)
+
+    def __enter__(self) -> Self:
+        self.stutter.__enter__()
+        return self
+
+    def close(self) -> None:
+        """End its engine."""
+        self.stutter.close()
+        self.madrob("engine", "stop", "--force", f"--results={self.results}")
+        shutil.rmtree(self.folder, ignore_errors=True)  # a process that was killed may still write
+
+    def command(self, command: str = "console", *options: str) -> list[str]:
+        """What starts the screens, attached to the engine or starting it."""
+        simulated = ["--testbed=simulated", f"--scenario={self.scenario}", f"--speed={self.speed}"]
+        own = [f"--results={self.results}", f"--settings={self._settings}"]
+        return [*MADROB, command, *simulated, *own, *options]
+
+    def console(
+        self, command: str = "console", *options: str, columns: int = 80, lines: int = 24
+    ) -> Console:
+        """The screens in a terminal."""
+        argv = self.command(command, *options)
+        return Console(argv, columns, lines, env=self.environment, cwd=ROOT)
+
+    def madrob(self, *arguments: str) -> CompletedProcess[str]:
+        """A command, run to its end; what it complains of is among what it says."""
+        with start_madrob(*arguments, environment=self.environment) as process:
+            said = process.communicate(timeout=120)[0]
+        return CompletedProcess(process.args, process.returncode, said)
+
+    def status(self) -> list[str]:
+        """What `madrob engine status` says of the engines of this hall: others may run, too."""
+        listed = self.madrob("engine", "status").stdout.splitlines()
+        return [line for line in listed if line.endswith(f"runs in {self.results}")]
+
+    def kill_engine(self) -> int:
+        """As a machine that fails: kill -9; when, ns since the epoch."""
+        (line,) = self.status()
+        pid = int(line.partition("pid ")[2].partition(",")[0])
+        os.kill(pid, signal.SIGKILL)
+        killed = time.time_ns()
+        wait_gone(pid)
+        return killed
+
+    def wait_for_running(self) -> Path:
+        """The folder of the run that goes on."""
+
+        def running() -> list[Path]:
+            return [
+                folder
+                for folder in sorted(self.results.glob("practice/subject_*"))
+                if any(line.what == Change.RUN_STARTS for line in journal_of(folder))
+                and not (folder / "result.json").exists()
+            ]
+
+        return until(running, STARTING)[0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import random
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
@@ -18,35 +17,21 @@ from madrob_console.engine.ipc.discovery import running_engines
 from madrob_console.engine.requests import Perform, Role, TakeOver
 from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
-from tests.madrob_console.console_process import F5, F6, F7, F8, Hall
 from tests.madrob_console.engine.drive import make_setup
-from tests.madrob_console.engine_process import ROOT, STARTING
+from tests.madrob_console.engine_process import ROOT, STARTING, Hall
 from tests.madrob_console.whole.test_survival import over_ssh
-from tests.terminal import Terminal
-from tests.tmux import Tmux
+from tests.terminal import KEYS, Terminal, Tmux
 from tests.watching import until
 
 SIZES = [(80, 24), (120, 36), (40, 12), (20, 5), (1, 1), (200, 50)]
 PIECES = [
-    *(key.encode() for key in (F5, F6, F7, F8, "\x1bOP", "\x1bOQ", "\x1bOR", "\x1bOS", "\x1b[20~")),
+    *(KEYS[f"F{number}"].encode() for number in range(1, 10)),
     *(key.encode() for key in ("\x1b", "\r", "\t", " ", "\x1b[A", "\x1b[B", "\x1b[Z", "\x10")),
     *(letter.encode() for letter in "nyyy123456xihpsfdagcPrzvw/?[]"),
-    *(
-        b"\x1b[",
-        b"\x1b[1",
-        b"\x1bO",
-        b"\x1b[<0;20;",
-        b"\x1b[200~",
-        b"\x1b[201~",
-        b"\x1b[I",
-        b"\x1b[O",
-    ),
+    *(b"\x1b[", b"\x1b[1", b"\x1bO", b"\x1b[<0;20;", b"\x1b[200~", b"\x1b[201~"),
+    *(b"\x1b[I", b"\x1b[O", b"\xff\xfe\x80", b"\x1b[99m", b"\x1b]0;x\x07", b"1c y" * 200),
     *(b"\x1b[200~1c2d\x1b[31m3d\x1b[0m\ny\x1b[201~", b"\x1b[200~a\x1b[200~b\x1b[201~1c\x1b[201~"),
-    *(b"\xff\xfe\x80", b"\x1b[99m", b"\x1b]0;x\x07", b"1c y" * 200),
 ]
-
-Seat = Terminal | Tmux
-"""Where a referee sits."""
 
 
 def clicks(rng: random.Random) -> bytes:
@@ -56,7 +41,7 @@ def clicks(rng: random.Random) -> bytes:
     return (press + press.lower() * (button < 64)).encode()
 
 
-def send_anything(seat: Seat, rng: random.Random) -> list[bytes | tuple[int, int]]:
+def send_anything(seat: Terminal, rng: random.Random) -> list[bytes | tuple[int, int]]:
     """Bytes and sizes by chance, at times by chance; what they were."""
     sent: list[bytes | tuple[int, int]] = []
     for _ in range(rng.randint(1, 10)):
@@ -69,18 +54,17 @@ def send_anything(seat: Seat, rng: random.Random) -> list[bytes | tuple[int, int
             data = clicks(rng) if kind < 0.35 else rng.choice(PIECES)
             cut = rng.randint(0, len(data)) if rng.random() < 0.2 else 0
             for piece in filter(None, (data[:cut], data[cut:])):
-                seat.send_bytes(piece)
+                seat.send(piece)
                 pause(seat, rng.choice([0.0, 0.0, 0.05, 0.3]))
             sent.append(data)
     return sent
 
 
-def pause(seat: Seat, duration: float) -> None:
+def pause(seat: Terminal, duration: float) -> None:
     """A moment of the referee; what is drawn is read."""
     end = time.monotonic() + duration
     while (left := end - time.monotonic()) > 0:
-        if isinstance(seat, Terminal):
-            seat.screen()
+        seat.screen()
         time.sleep(min(left, 0.02))
 
 
@@ -115,20 +99,18 @@ class Starter:
         return False
 
 
-def seats(hall: Hall, over: str, folder: Path, stack: ExitStack) -> Callable[[], Seat]:
+def seats(hall: Hall, over: str, folder: Path, stack: ExitStack) -> Callable[[], Terminal]:
     if over == "ssh":
         console = stack.enter_context(over_ssh(folder))
         return lambda: console(hall)
-    argv = [sys.executable, "-m", "madrob_console.cli.main", "console", *hall.testbed]
-    environ = {"XDG_STATE_HOME": str(hall.folder), "PYTHONPATH": str(ROOT)}
-    return lambda: Tmux(argv, env=environ, cwd=ROOT)
+    return lambda: Tmux(hall.command(), env=hall.environment, cwd=ROOT)
 
 
-def back(seat: Seat) -> Sequence[str]:
+def back(seat: Terminal) -> Sequence[str]:
     """Escape, so often that whatever is open is closed."""
     seat.resize(80, 24)
     for _ in range(8):
-        seat.send_bytes(b"\x1b")
+        seat.send(b"\x1b")
         pause(seat, 0.15)
     pause(seat, 0.6)
     return seat.screen()
@@ -171,8 +153,7 @@ def test_whatever_comes_f8_y_ends_the_run_and_escape_leads_back(
             sent = send_anything(seat, rng)
             if starter.running:
                 pause(seat, 0.05)
-                seat.send_bytes(F8.encode())
-                seat.send_bytes(b"y")
+                seat.press("F8", "y")
 
                 def has_ended() -> bool:
                     pause(seat, 0.02)

@@ -21,8 +21,14 @@ from madrob_console.messages.codec import REFEREE_STATE_TOPIC, decode_text
 from madrob_console.referee.acts import Abort, AddNote, Start
 from madrob_console.referee.run import Phase
 from scoring.protocol import POST_ROLL, Outcome
-from tests.madrob_console.console_process import F5, F8, Hall, make_ready, start_a_run
-from tests.madrob_console.engine_process import NO_REPORTS, STARTING, EngineProcess, madrob_beside
+from tests.madrob_console.engine_process import (
+    NO_REPORTS,
+    STARTING,
+    EngineProcess,
+    Hall,
+    madrob_beside,
+    result_of,
+)
 from tests.madrob_console.refereed_run import Referee, what_is_wrong
 from tests.madrob_console.ros_peer import TYPES, Peer
 from tests.madrob_console.small_disk import SmallDisk, disk_image
@@ -190,7 +196,8 @@ def go_through(how: int, moment: int, length: float, folder: Path) -> Mapping[st
             finally:
                 frozen.wait_thawed()
             engine.end()
-            assert "Traceback" not in engine.log.read_text()
+            log = engine.log.read_text()
+            assert "Traceback" not in log, log
         with EngineProcess(results, "touch-only", settings=NO_REPORTS) as later:
             assert what_is_wrong(results, referee.notes, later) == []
     return MappingProxyType(case.delays)
@@ -217,10 +224,10 @@ SILENT = "disk silent for"
 ON_SCREEN = 1.5  # s, from the key to the screen, drawn by a busy machine
 
 
-def key_pressed(terminal: Terminal, keys: str, *texts: str) -> float:
-    """How long it takes from keys to what they bring, s."""
+def key_pressed(terminal: Terminal, key: str, *texts: str) -> float:
+    """How long it takes from a key to what it brings, s."""
     began = time.monotonic()
-    terminal.send(keys)
+    terminal.press(key)
     terminal.wait_for(*texts)
     return time.monotonic() - began
 
@@ -234,26 +241,25 @@ def test_a_screen_says_that_the_disk_is_silent_aborts_and_refuses_a_start(tmp_pa
         hall.console(columns=120, lines=40) as terminal,
         Stutter() as stutter,
     ):
-        start_a_run(terminal)
+        terminal.start_a_run()
         folder = hall.wait_for_running()
         with disk.stalled():
             terminal.wait_for(SILENT)
-            terminal.send(F8)
+            terminal.press("F8")
             terminal.wait_for("ABORT the run")
             terminal.send("1")
             assert key_pressed(terminal, "y", "ABORTED") <= ON_SCREEN + stutter.allowance
             terminal.wait_for("NOT ON DISK YET")
             terminal.wait_for(SILENT)
-        assert hall.wait_for_result(folder)["outcome"] == "aborted"
-        gone = (SILENT, "NOT ON DISK")
-        until(lambda: not any(word in line for line in terminal.screen() for word in gone))
-        make_ready(terminal)
+        assert result_of(folder, STARTING)["outcome"] == "aborted"
+        until(lambda: not terminal.shows(SILENT, "NOT ON DISK"))
+        terminal.make_ready()
         with disk.stalled():
-            took = key_pressed(terminal, F5, "Refused: start")
+            took = key_pressed(terminal, "F5", "Refused: start")
             assert 1.5 <= took <= ANSWERED + ON_SCREEN + stutter.allowance
         late = time.monotonic() + LATE
         while time.monotonic() < late:
-            assert not any("COUNTDOWN" in line for line in terminal.screen())
+            assert not terminal.shows("COUNTDOWN")
             time.sleep(0.1)
 
 

@@ -9,7 +9,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -22,10 +21,16 @@ from madrob_console.referee.rebuild import Change
 from madrob_console.ui.keys.type_ahead import UNSEEN
 from recorder.reader import Bag
 from scoring.protocol import EventName
-from tests.madrob_console.console_process import F8, F10, Hall, start_a_run
-from tests.madrob_console.engine_process import ROOT, STARTING, remarks_of
+from tests.madrob_console.engine_process import (
+    ROOT,
+    STARTING,
+    Console,
+    Hall,
+    journal_of,
+    remarks_of,
+    result_of,
+)
 from tests.programs import found
-from tests.terminal import Terminal
 from tests.watching import Stutter, until
 
 
@@ -37,23 +42,23 @@ def hall() -> Iterator[Hall]:
 
 def check_whole(hall: Hall, folder: Path) -> None:
     """The run was completed, recorded and scored, and nothing is said of it."""
-    result = hall.wait_for_result(folder)
+    result = result_of(folder, STARTING)
     assert result["outcome"] == "completed"
     assert result["indicators"]["capability_level"]["value"] == 6
     assert remarks_of(result, hall.stutter) == []
     assert Bag(folder).complete
 
 
-@pytest.mark.parametrize("how", ["hang-up", "quit"])
-def test_a_run_survives_the_end_of_its_console_and_is_scored(hall: Hall, how: str) -> None:
+def test_a_run_survives_the_ends_of_its_consoles_and_is_scored(hall: Hall) -> None:
     with hall.console() as terminal:
-        start_a_run(terminal)
+        terminal.start_a_run()
         folder = hall.wait_for_running()
-        if how == "quit":
-            terminal.send(F10)
-            terminal.wait_for("The run goes on without this screen")
-            terminal.send("y")
-            assert terminal.wait_exit() == 0
+        terminal.press("F10")
+        terminal.wait_for("The run goes on without this screen")
+        terminal.send("y")
+        assert terminal.wait_exit() == 0
+    with hall.console() as terminal:  # and the next one hangs up
+        terminal.wait_for("run 1 of team 1", timeout=STARTING)
     check_whole(hall, folder)
 
 
@@ -61,11 +66,11 @@ def test_a_console_that_comes_back_sees_the_live_run_and_can_abort_it(hall: Hall
     """Keys of spectators do nothing, and `madrob engine stop` ends no run that goes on."""
     hall.speed, hall.scenario = 1.0, "no-touch"  # the run is there, however busy the machine is
     with hall.console() as terminal:
-        start_a_run(terminal)
+        terminal.start_a_run()
         folder = hall.wait_for_running()
     with hall.console("watch") as spectator:
         spectator.wait_for("RUNNING", timeout=STARTING)
-        spectator.send(F8)
+        spectator.press("F8")
         spectator.wait_for("Refused: abort: `madrob console` can act, this screen only watches")
         (line,) = hall.status()
         assert ", RUNNING, run 1 of subject 1, 1 screen, runs in " in line
@@ -73,11 +78,11 @@ def test_a_console_that_comes_back_sees_the_live_run_and_can_abort_it(hall: Hall
         assert (refused.returncode, "a run is going on" in refused.stdout) == (1, True)
     with hall.console() as terminal:
         terminal.wait_for("RUNNING", timeout=STARTING)
-        terminal.send(F8)
+        terminal.press("F8")
         terminal.wait_for("ABORT the run")
         terminal.send("1y")
         terminal.wait_for("ABORTED")
-    assert hall.wait_for_result(folder)["outcome"] == "aborted"
+    assert result_of(folder, STARTING)["outcome"] == "aborted"
 
 
 def test_spectators_find_the_engine_that_is_started_again(hall: Hall) -> None:
@@ -96,7 +101,7 @@ def test_spectators_find_the_engine_that_is_started_again(hall: Hall) -> None:
             for spectator in (small, big):
                 assert not any("Ctrl+R" in line or "^R" in line for line in spectator.screen())
             assert not hall.status()  # none starts one by itself
-            terminal.send("\x12")  # Ctrl+R
+            terminal.press("Ctrl+R")
             terminal.wait_for("The engine is there again", timeout=STARTING)
             for screen in (small, big, other):
                 until(lambda s=screen: not re.search("ended|PAUSED", " ".join(s.screen())))  # type: ignore[misc]
@@ -111,24 +116,24 @@ def test_after_kill_9_of_the_engine_the_run_is_reported_and_scored_as_interrupte
 
     def touches() -> list[float]:
         """When the handle was touched, by the engine."""
-        events = (line for line in hall.journal(folder) if line.what == Change.EVENT)
+        events = (line for line in journal_of(folder) if line.what == Change.EVENT)
         return [e.time for e in events if e.details["event"] == EventName.HANDLE_IS_TOUCHED]
 
     with hall.console() as terminal:
-        start_a_run(terminal)
+        terminal.start_a_run()
         folder = hall.wait_for_running()
         touched = until(touches)[0]
         until(lambda: any(m.receive_ns > 1e9 * touched for m in Bag(folder).messages()))
         hall.kill_engine()
         terminal.wait_for("the engine has ended")
-        terminal.send(F10)  # nothing is left that could be lost: no question
+        terminal.press("F10")  # nothing is left that could be lost: no question
         assert terminal.wait_exit() == 0
     with hall.console() as terminal:
         terminal.wait_for("A RUN WAS CUT OFF: practice run 1 of subject 1", timeout=STARTING)
         time.sleep(2 * UNSEEN)  # read before it is answered
         terminal.send("s")
         terminal.wait_for("INTERRUPTED")
-    result = hall.wait_for_result(folder)
+    result = result_of(folder, STARTING)
     assert result["outcome"] == "interrupted"
     assert result["indicators"]["time_to_handle"]["value"] is not None
 
@@ -141,7 +146,7 @@ def test_killed_at_random_moments_an_engine_loses_half_a_second_at_most(
     for _ in range(max(2, request.config.getoption("--runs") // 4)):
         with Hall(speed=1.0) as hall:
             with hall.console() as terminal, Stutter() as stutter:
-                start_a_run(terminal)
+                terminal.start_a_run()
                 folder = hall.wait_for_running()
                 time.sleep(rng.uniform(0.2, 5.0))
                 killed = hall.kill_engine()
@@ -160,11 +165,11 @@ def test_a_terminal_left_unread_changes_no_event(request: pytest.FixtureRequest)
     def events(unread: float) -> dict[str, float]:
         """Of a run whose pty nobody reads for so long, s."""
         with Hall(speed=1.0) as hall, hall.console(columns=160, lines=50) as terminal:
-            start_a_run(terminal)
+            terminal.start_a_run()
             folder = hall.wait_for_running()
             time.sleep(unread)
-            result = hall.wait_for_result(folder, 120.0)
-            stop = next(e for e in hall.journal(folder) if e.what == Change.RUN_STOPS)
+            result = result_of(folder, 120.0)
+            stop = next(e for e in journal_of(folder) if e.what == Change.RUN_STOPS)
             assert stop.time - stop.details["time"] < 1.5
         return {event["event"]: event["since_start"] for event in result["events"]}
 
@@ -185,7 +190,7 @@ StrictModes no
 UsePAM no
 """
 
-Open = Callable[[Hall], Terminal]
+Open = Callable[[Hall], Console]
 """A console of a hall, in a terminal."""
 
 
@@ -204,12 +209,12 @@ def over_ssh(folder: Path) -> Iterator[Open]:
     for option in ("StrictHostKeyChecking=no", "UserKnownHostsFile=/dev/null", "LogLevel=ERROR"):
         argv += ["-o", option]
 
-    def console(hall: Hall) -> Terminal:
+    def console(hall: Hall) -> Console:
         command = (
             f"cd {ROOT} && TERM=xterm-256color LC_ALL=C.UTF-8 XDG_STATE_HOME={hall.folder}"
-            f" {sys.executable} -m madrob_console.cli.main console {' '.join(hall.testbed)}"
+            f" {' '.join(hall.command())}"
         )
-        return Terminal([*argv, f"{getpass.getuser()}@127.0.0.1", command])
+        return Console([*argv, f"{getpass.getuser()}@127.0.0.1", command])
 
     def answers() -> bool:
         with socket.socket() as knock:
@@ -230,7 +235,7 @@ def kill_consoles(console: Open, count: int) -> None:
     with Hall(speed=4.0) as hall:
         for number in range(1, count + 1):
             with console(hall) as terminal:
-                start_a_run(terminal)
+                terminal.start_a_run()
                 folder = hall.wait_for_running()
                 time.sleep(rng.uniform(0.0, 3.0))
                 os.kill(terminal.pid, signal.SIGKILL)
@@ -239,7 +244,7 @@ def kill_consoles(console: Open, count: int) -> None:
                 terminal.wait_for(f"run {number} of team 1")
                 worst = max(worst, time.monotonic() - began)
                 check_whole(hall, folder)
-                terminal.send(F10)
+                terminal.press("F10")
                 assert terminal.wait_exit() == 0
     print(f"\n{count} runs with a console killed: attached again after {worst:.2f} s at most")
 
