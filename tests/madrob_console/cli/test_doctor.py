@@ -42,10 +42,18 @@ from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated_node import serve_testbed
 from madrob_console.testbeds.source import Source
 from tests.madrob_console import said
-from tests.madrob_console.camera_peer import Kind, Stream, cameras
 from tests.madrob_console.cli.typed import Screen
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.ros_peer import BEST_EFFORT, BOOL, Peer, Taker, source
+from tests.madrob_console.ros_peer import (
+    BEST_EFFORT,
+    BOOL,
+    Kind,
+    Peer,
+    Stream,
+    Taker,
+    cameras,
+    source,
+)
 
 ROOT = Path(__file__).parents[3]
 

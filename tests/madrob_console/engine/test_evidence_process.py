@@ -31,8 +31,16 @@ from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
 from recorder.bag import Durability, RawMessage, evidence_file_name
 from recorder.reader import Bag
 from recorder.writer import BagWriter
-from tests.madrob_console.camera_peer import Kind, Misbehaviour, Stream, cameras
-from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, truth
+from tests.madrob_console.ros_peer import (
+    BOOL,
+    KEPT,
+    Kind,
+    Misbehaviour,
+    Peer,
+    Stream,
+    cameras,
+    truth,
+)
 from tests.watching import until
 
 pytestmark = pytest.mark.machine

@@ -35,9 +35,9 @@ from madrob_console.messages.codec import (
     decode_text,
 )
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.referee.acts import Abort, ConfirmPose, SetUp, Start, Waive, ZeroHandle
-from madrob_console.referee.checks import CheckState, blocking
-from madrob_console.referee.journal import Entry, read_journal
+from madrob_console.referee.acts import Abort, SetUp
+from madrob_console.referee.checks import CheckState
+from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
@@ -47,12 +47,27 @@ from madrob_console.testbeds.source import INFO_TOPIC
 from recorder.bag import RawMessage
 from recorder.reader import Bag
 from scoring.protocol import Signal
-from tests.madrob_console.camera_peer import Kind, Stream, cameras
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.engine.spoilt import DOOR
-from tests.madrob_console.engine_process import ROOT, EngineProcess, madrob_beside, remarks_of
-from tests.madrob_console.ros_peer import BOOL, KEPT, TYPES, Peer, truth
+from tests.madrob_console.engine_process import (
+    ROOT,
+    EngineProcess,
+    journal_of,
+    madrob_beside,
+    remarks_of,
+    result_of,
+)
+from tests.madrob_console.ros_peer import (
+    BOOL,
+    KEPT,
+    TYPES,
+    Kind,
+    Peer,
+    Stream,
+    cameras,
+    truth,
+)
 from tests.watching import Stutter, until
 
 TOPICS = [m.topic for m in DEFAULT_MAPPINGS if m.signal is not Signal.LATCH]
@@ -105,12 +120,14 @@ class Ran:
 
     @property
     def result(self) -> dict[str, Any]:
-        result: dict[str, Any] = json.loads((self.folder / "result.json").read_text())
-        return result
+        return result_of(self.folder)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        return read_journal(self.folder / "journal.jsonl")[0]
+        return journal_of(self.folder)
+
+    def events(self) -> list[tuple[str, float]]:
+        return [(event["event"], event["since_start"]) for event in self.result["events"]]
 
     def lateness(self) -> list[float]:
         """How long after its stamp each event was noted, s."""
@@ -188,24 +205,6 @@ def program(output: Path, *arguments: str, ending: signal.Signals) -> Iterator[N
         assert process.wait(30) == (0 if ending is signal.SIGINT else -ending)
 
 
-def test_an_engine_that_was_stopped_by_a_signal_in_a_run_invents_no_clock_step(
-    ros_domain: int, tmp_path: Path
-) -> None:
-    """Messages that waited arrive all at once, and others are lost: no stamp is shifted."""
-    undisturbed, stalled = ran(tmp_path / "one"), ran(tmp_path / "two", stall=3.5)
-    quality = stalled.result["quality"]
-    assert [signal["shifted"] for signal in quality["signals"]] == [0] * len(quality["signals"])
-    assert "the engine stood still for 3." in " ".join(quality["remarks"])
-    rescored = next(score(stalled.folder)).result
-    one, two = (
-        [(event["event"], event["since_start"]) for event in each.result["events"]]
-        for each in (undisturbed, stalled)
-    )
-    assert [(str(event.event), event.since_start) for event in rescored.events] == two
-    assert [name for name, _ in two] == [name for name, _ in one]
-    assert dict(two) == pytest.approx(dict(one), abs=0.2)  # how soon the robot hears the start
-
-
 def robot_of_the_guide(folder: Path) -> str:
     guide = (ROOT / "madrob_console/guide/robots.md").read_text()
     (node,) = re.findall(r"^```python\n(import rclpy\n(?:.*\n)+?)```$", guide, re.MULTILINE)
@@ -237,10 +236,10 @@ def test_the_robot_of_the_guide_joins_late_and_is_misled_by_no_order_of_messages
 
 
 @pytest.mark.timeout(300)
-def test_the_robot_of_the_guide_starts_on_the_signal_and_the_result_says_when(
+def test_the_robot_of_the_guide_starts_on_the_signal_and_a_held_engine_shifts_no_stamp(
     ros_domain: int, tmp_path: Path
 ) -> None:
-    """The run is recorded whole and scored the same again, too."""
+    """The run is recorded whole and scored the same again; messages that waited come at once."""
     said = tmp_path / "said"
     with program(said, robot_of_the_guide(tmp_path), ending=signal.SIGINT):
         run = ran(tmp_path / "run")
@@ -259,6 +258,16 @@ def test_the_robot_of_the_guide_starts_on_the_signal_and_the_result_says_when(
     run.check_whole()
     assert len(digests(run.folder)[INFO_TOPIC]) == 1
     assert main(["score", "--check", str(run.folder)]) == 0
+
+    stalled = ran(tmp_path / "stalled", stall=3.5)
+    quality = stalled.result["quality"]
+    assert [signal["shifted"] for signal in quality["signals"]] == [0] * len(quality["signals"])
+    assert "the engine stood still for 3." in " ".join(quality["remarks"])
+    events, again = stalled.events(), next(score(stalled.folder)).result.events
+    assert [(str(event.event), event.since_start) for event in again] == events
+    assert [name for name, _ in events] == [name for name, _ in run.events()]
+    # how soon the robot hears the start
+    assert dict(events) == pytest.approx(dict(run.events()), abs=0.2)
 
 
 def referee_check(snapshot: Snapshot) -> tuple[CheckState, str]:
@@ -431,19 +440,6 @@ with Peer(int(os.environ["ROS_DOMAIN_ID"])) as peer:
 TESTBED = ["-m", "madrob_console.cli.main", "testbed", "--scenario", "nominal", "--repeat", "0"]
 
 
-def begin_run(engine: EngineProcess) -> None:
-    engine.act(SetUp(make_setup(countdown=1.0)))
-    mendable = {CheckName.POSE, CheckName.HANDLE, CheckName.TOPICS}
-    engine.wait_for(lambda s: {c.name for c in blocking(s.checks)} <= mendable)
-    fresh = engine.snapshot().time
-    engine.wait_for(lambda s: s.time > fresh + 1.1)
-    engine.act(ZeroHandle(), ConfirmPose())
-    for check in blocking(engine.snapshot().checks):
-        engine.client.send_request(Perform.of(Waive(check.name, "a proof")))  # it may pass by now
-    engine.act(Start())
-    engine.wait_for(lambda s: s.run.phase is Phase.RUNNING)
-
-
 def clock_behind(engine: EngineProcess, duration: float) -> float:
     """How far the clock on the screen was behind at most, s."""
     worst, end = 0.0, time.monotonic() + duration
@@ -472,7 +468,7 @@ def test_4_mb_five_times_a_second_delay_neither_clock_nor_abort_and_are_recorded
         engine.wait_for(lambda s: all(t.rate for t in s.topics if not t.optional))
         with program(published, "-c", PUBLISH, ending=killed):
             engine.wait_for(lambda s: any("bytes, not read above" in line for line in s.all_faults))
-            begin_run(engine)
+            engine.start(make_setup(countdown=1.0), waived=(CheckName.TOPICS,))
             behind = clock_behind(engine, WATCHED)
             pressed = time.monotonic()
             engine.act(Abort("enough"))
