@@ -144,6 +144,7 @@ class EngineProcess(Closing):
         speed: of the simulated testbed.
         environment: of its own.
         settings: what its settings file says besides.
+        before: as for `start_madrob`.
     """
 
     def __init__(
@@ -155,6 +156,7 @@ class EngineProcess(Closing):
         speed: float = 1.0,
         environment: Mapping[str, str] = MappingProxyType({}),
         settings: str = "",
+        before: str = "",
     ) -> None:
         self._own = tempfile.TemporaryDirectory(prefix="madrob-")
         self.results = results
@@ -166,7 +168,7 @@ class EngineProcess(Closing):
             testbed = ["--testbed", "ros"]
         arguments = ["engine", "serve", *testbed, f"--results={results}", f"--settings={file}"]
         own = {**environment, **({} if clock is None else clock.environment)}
-        before = "" if clock is None else _SLEEP_WITHOUT_CLOCK
+        before += "" if clock is None else _SLEEP_WITHOUT_CLOCK
         self.process = start_madrob(*arguments, output=self.log, before=before, environment=own)
         attached: list[RemoteEngine] = []
 

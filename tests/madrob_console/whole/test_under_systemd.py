@@ -9,8 +9,6 @@ import subprocess
 import tempfile
 import time
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import pytest
 
@@ -19,7 +17,7 @@ from madrob_console.referee.run import Phase
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine_process import STARTING, EngineProcess, start_madrob
 from tests.madrob_console.small_disk import disk_image
-from tests.watching import until
+from tests.watching import Closing, until
 
 WATCHDOG = 4.0
 """s; the service manager of a competition waits longer."""
@@ -28,12 +26,12 @@ FROZEN = 6.0
 """A disk does not answer for so long, s: longer than the watchdog waits."""
 
 ON_REQUEST = """
-import os, sys, time
+import os, time
 from madrob_console.engine.runtime.testbed_engine import Engine
-step, asked = Engine.step, sys.argv.pop(1)
+step = Engine.step
 
 def hanging(self, *arguments):
-    while os.path.exists(asked):
+    while os.path.exists("{}"):
         {}
     return step(self, *arguments)
 
@@ -42,7 +40,7 @@ Engine.step = hanging
 """An engine whose core does something while a file is there."""
 
 
-class Manager:
+class Manager(Closing):
     """A service manager, and the service that it starts.
 
     Attributes:
@@ -74,15 +72,7 @@ class Manager:
         )
         return self.service
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         if self.service is not None:
             self.service.kill()
             self.service.wait()
@@ -123,14 +113,18 @@ def serve(results: Path) -> list[str]:
 
 
 @pytest.mark.needs("mkfs.ext4")
-def test_the_watchdog_hears_through_a_frozen_disk_in_a_run(
+def test_the_watchdog_hears_through_a_frozen_disk_and_nothing_of_a_core_that_hangs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    hang = tmp_path / "hang"
+    hanging = ON_REQUEST.format(hang, "time.sleep(0.05)")
     with (
         Manager() as manager,
         disk_image(tmp_path / "disk") as disk,
-        EngineProcess(disk.folder / "r", "nominal", environment=manager.environment) as engine,
+        EngineProcess(
+            disk.folder / "r", "nominal", environment=manager.environment, before=hanging
+        ) as engine,
     ):
         engine.start(make_setup(countdown=1.0))
         with disk.stalled():
@@ -139,27 +133,20 @@ def test_the_watchdog_hears_through_a_frozen_disk_in_a_run(
             assert engine.snapshot().run.phase is Phase.RUNNING
         assert manager.hears("STATUS=RUNNING, run 1 of subject 3; disk silent for")
         assert engine.result()["outcome"] == "completed"
-
-
-def test_the_watchdog_hears_nothing_of_a_core_that_hangs(tmp_path: Path) -> None:
-    hang = tmp_path / "hang"
-    with Manager() as manager:
-        hanging = ON_REQUEST.format("time.sleep(0.05)")
-        service = manager.start(str(hang), *serve(tmp_path), before=hanging)
-        manager.wait_for("WATCHDOG=1")
         hang.touch()
         assert manager.longest_silence(2 * WATCHDOG) > WATCHDOG
         assert manager.hears("the engine has not moved for")
-        service.send_signal(signal.SIGABRT)  # as the watchdog does
-        assert service.wait(STARTING) == -signal.SIGABRT
-        assert "in hanging" in manager.journal.read_text()  # where the core was
+        engine.process.send_signal(signal.SIGABRT)  # as the watchdog does
+        assert engine.process.wait(STARTING) == -signal.SIGABRT
+        assert "in hanging" in engine.log.read_text()  # where the core was
 
 
 def test_an_engine_that_fails_is_started_again(tmp_path: Path) -> None:
     fail = tmp_path / "fail"
     with Manager() as manager:
-        failing = ON_REQUEST.format("raise MemoryError('no memory')")
-        service = manager.start(str(fail), *serve(tmp_path), before=failing)
+        serve = ("engine", "serve", "--testbed", "simulated", f"--results={tmp_path}")
+        failing = ON_REQUEST.format(fail, "raise MemoryError('no memory')")
+        service = manager.start(*serve, before=failing)
         manager.wait_for("WATCHDOG=1")
         fail.touch()
         assert service.wait(STARTING) == 1  # Restart=on-failure
@@ -212,12 +199,9 @@ def test_systemd_takes_the_unit(
     assert "Environment=RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in text
     assert "--domain=7" in text
     assert f"WantedBy={'multi-user' if system else 'default'}.target" in text
-    done = subprocess.run(
-        ["systemd-analyze", "verify", str(path)], check=False, capture_output=True, text=True
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    exposure = ["security", "--offline=yes", f"--threshold={40 if system else 65}", str(path)]
-    done = subprocess.run(
-        ["systemd-analyze", *exposure], check=False, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stdout
+    exposure = ["security", "--offline=yes", f"--threshold={40 if system else 65}"]
+    for command in ["verify"], exposure:
+        done = subprocess.run(
+            ["systemd-analyze", *command, path], check=False, capture_output=True, text=True
+        )
+        assert (done.returncode, done.stderr) == (0, ""), done.stdout
