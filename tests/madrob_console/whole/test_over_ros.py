@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import signal
@@ -10,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
@@ -313,37 +314,32 @@ def test_each_of_two_engines_in_a_domain_names_the_other_and_one_that_was_killed
         assert referee_check(local.snapshot())[0] is CheckState.OK
 
 
-BEGIN = 100.0
+BEGIN, PACE = 100.0, 3.0
+STOPS, GOES_ON = 1.5, 6.5
+"""In this time of the machine since the start of a run the simulation stands, s."""
 _TOO_LATE = "the disk did not take it within"
 
 
 class WorldClock(Clock):
-    """The time in the simulated world; `pace` is so many times as fast as the machine's clock."""
+    """The time in the simulated world, `PACE` times as fast as the machine's, unless it stands."""
 
-    def __init__(self, pace: float) -> None:
-        self.go_on(pace, BEGIN)
+    def __init__(self) -> None:
+        self._time, self._since, self.pace = BEGIN, time.monotonic(), PACE
 
     def now_ns(self) -> int:
-        return round((self._from + (time.monotonic() - self._since) * self._pace) * NS)
-
-    def go_on(self, pace: float, at: float | None = None) -> None:
-        """From now on at this pace; from another time of the world, s, if one is given."""
-        self._from = self.now_ns() / NS if at is None else at
-        self._pace, self._since = pace, time.monotonic()
+        now = time.monotonic()
+        self._time, self._since = self._time + (now - self._since) * self.pace, now
+        return round(self._time * NS)
 
     def sleep(self, duration: float) -> None:
         """Nobody waits for it."""
 
 
-Accident = tuple[float, Callable[[WorldClock], object]]
-"""So long after the start, s of the machine's time, this happens to the simulation."""
-
-
 class World:
     """What Gazebo would publish; it does not say that it is simulated."""
 
-    def __init__(self, peer: Peer, folder: Path) -> None:
-        self._peer, self._clock = peer, WorldClock(PACE)
+    def __init__(self, peer: Peer) -> None:
+        self._peer, self._clock = peer, WorldClock()
         self._testbed = SimulatedSource(None, self._clock, TYPES)
         self._testbed.open()
         self._publishers = {
@@ -351,16 +347,14 @@ class World:
         }
         self._clock_publisher = peer.publisher("/clock", CLOCK)
         self._states = peer.listen_raw(REFEREE_STATE_TOPIC, STRING, KEPT)
-        self._started: float | None = None
-        self._folder = folder
-        # for a busy machine, which publishes late
-        settings = "[checks]\nlargest_skew = 2.0\n[testbed]\nuse_sim_time = true\n"
-        (folder / "madrob.toml").write_text(settings)
+        self._started = math.inf
 
-    def _go_on(self) -> None:
+    def go_on(self) -> None:
         """Publish what is due, and heed the referee."""
         self._peer.spin(0.005)
         now = self._clock.now_ns()
+        stands = STOPS < time.monotonic() - self._started < GOES_ON
+        self._clock.pace = 0.0 if stands else PACE
         stamp = TYPES.make("builtin_interfaces/msg/Time", sec=now // NS, nanosec=now % NS)
         self._clock_publisher.publish(TYPES.encode(CLOCK, TYPES.make(CLOCK, clock=stamp)))
         for message in self._testbed.take_messages(0):
@@ -368,29 +362,27 @@ class World:
         while self._states:
             data = self._states.pop(0)
             self._testbed.publish(RawMessage(REFEREE_STATE_TOPIC, STRING, data, 0, 0))
-            if json.loads(decode_text(TYPES, data))["phase"] == Phase.RUNNING:
-                self._started = time.monotonic()
+            phase = json.loads(decode_text(TYPES, data))["phase"]
+            if phase == Phase.RUNNING:
+                self._started = min(self._started, time.monotonic())
+            elif phase == Phase.COUNTDOWN:
+                self._started = math.inf
 
-    def run(self, timeout: int, *accidents: Accident, code: int = 0) -> Ran:
-        """`madrob run` in this world, which ends with this code."""
-        self._started, left = None, list(accidents)
-        options = ("--countdown=2", f"--timeout={timeout}", "--wait=100", "--no-report")
+    def run(self, folder: Path) -> Ran:
+        """`madrob run` in this world."""
+        settings = folder / "madrob.toml"  # for a busy machine, which publishes late
+        settings.write_text("[checks]\nlargest_skew = 2.0\n[testbed]\nuse_sim_time = true\n")
         with madrob_beside(
-            *("run", "--testbed", "ros", "--settings", self._folder / "madrob.toml"),
-            *("--results", self._folder, *options),
+            *("run", "--testbed", "ros", "--settings", settings, "--results", folder),
+            *("--countdown=2", "--timeout=60", "--wait=100", "--no-report"),
         ) as process:
             while process.poll() is None:
-                self._go_on()
-                if left and self._started and time.monotonic() - self._started > left[0][0]:
-                    left.pop(0)[1](self._clock)
+                self.go_on()
             said = process.communicate()[0]
         if _TOO_LATE in said:  # nothing was done: a referee starts again
-            return self.run(timeout, *accidents, code=code)
-        assert process.returncode == code, said
+            return self.run(folder)
+        assert process.returncode == 0, said
         return Ran(Path(said.splitlines()[-1].removeprefix("run folder: ")), said, {})
-
-
-PACE = 3.0
 
 
 @pytest.mark.timeout(300)
@@ -398,8 +390,7 @@ def test_a_run_on_the_time_of_a_simulation_is_practice_completed_and_scored(
     peer: Peer, tmp_path: Path
 ) -> None:
     """Even where the simulation stops for five seconds."""
-    stops = (1.5, lambda clock: clock.go_on(0.0)), (6.5, lambda clock: clock.go_on(PACE))
-    run = World(peer, tmp_path).run(60, *stops)
+    run = World(peer).run(tmp_path)
     result, indicators = run.result, run.result["indicators"]
     assert run.folder.parent == tmp_path / "practice"
     assert (result["outcome"], result["source"]) == ("completed", "simulated")
