@@ -11,7 +11,6 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from pathlib import Path
 
@@ -156,26 +155,6 @@ def test_killed_at_random_moments_an_engine_loses_half_a_second_at_most(
             assert lost <= 0.6 + stutter.allowance  # half a second, and the time of the kill
             opened = hall.madrob("score", str(folder), "--json")
             assert (opened.returncode, '"interrupted"' in opened.stdout) == (0, True)
-
-
-@pytest.mark.slow
-def test_a_terminal_left_unread_changes_no_event(request: pytest.FixtureRequest) -> None:
-    unread = 5.0 if request.config.getoption("--runs") < 100 else 60.0
-
-    def events(unread: float) -> dict[str, float]:
-        """Of a run whose pty nobody reads for so long, s."""
-        with Hall(speed=1.0) as hall, hall.console(columns=160, lines=50) as terminal:
-            terminal.start_a_run()
-            folder = hall.wait_for_running()
-            time.sleep(unread)
-            result = result_of(folder, 120.0)
-            stop = next(e for e in journal_of(folder) if e.what == Change.RUN_STOPS)
-            assert stop.time - stop.details["time"] < 1.5
-        return {event["event"]: event["since_start"] for event in result["events"]}
-
-    with ThreadPoolExecutor(2) as pool:
-        read, stalled = pool.map(events, (0.0, unread))
-    assert stalled == pytest.approx(read, abs=0.025)
 
 
 SSHD = """\

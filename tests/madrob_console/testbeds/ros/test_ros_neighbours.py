@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,10 +16,9 @@ from madrob_console.engine.requests import Perform
 from madrob_console.engine.runtime.disk import DiskJobs, DiskThreads
 from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.runtime.testbed_engine import Engine
-from madrob_console.engine.snapshot import TopicView
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, REFEREE_STATE_TOPIC
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.referee.acts import Abort, SetUp, Start, Waive
+from madrob_console.referee.acts import SetUp, Start, Waive
 from madrob_console.referee.checks import blocking
 from madrob_console.referee.journal import Entry, Origin, read_journal
 from madrob_console.referee.run import Phase
@@ -28,15 +26,13 @@ from madrob_console.testbeds.ros import RosSource, asks_for_sim_time
 from madrob_console.testbeds.ros.abort_service import DEPTH
 from madrob_console.testbeds.ros.connection import RosObject, load_module
 from madrob_console.testbeds.source import CallAnswer, LookForAnswer
-from recorder.reader import Bag
 from scoring.protocol import Outcome
 from tests.madrob_console import said
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.engine.reporting import no_reporting
-from tests.madrob_console.engine.spoilt import HANDLE
-from tests.madrob_console.ros_peer import BOOL, KEPT, TYPES, Peer, Taker, latch
-from tests.watching import Stutter, until
+from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, Taker, latch
+from tests.watching import until
 
 GUIDE = Path(__file__).parents[4] / "madrob_console" / "guide" / "robots.md"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -150,44 +146,6 @@ def test_no_flood_of_refusals_takes_the_place_of_the_answer_to_an_abort_that_was
         service._callers = [f"{done}"] * calls
         service._answer(CallAnswer(success=done, message=""))
     assert [caller for caller, _ in service._replies] == ["True", *["False"] * DEPTH]
-
-
-@pytest.mark.slow
-def test_a_run_in_a_flood_is_recorded_whole_and_stopped_at_once(hall: Hall, peer: Peer) -> None:
-    publisher = peer.publisher(HANDLE, WRENCH)
-    sent: list[bytes] = []
-    enough = threading.Event()
-
-    def flood() -> None:
-        while not enough.wait(0.02):
-            for _ in range(30):  # 1500 messages/s
-                wrench = TYPES.make(WRENCH)
-                wrench.header.stamp.nanosec = len(sent)
-                sent.append(TYPES.encode(WRENCH, wrench))
-                publisher.publish(sent[-1])
-
-    def heard() -> TopicView:
-        return next(view for view in hall.engine.snapshot().topics if view.topic == HANDLE)
-
-    hall.start()
-    peer.until(lambda: heard().publishers == 1 and publisher.get_subscription_count() == 1)
-    thread = threading.Thread(target=flood)
-    with Stutter() as stutter:
-        thread.start()
-        try:
-            until(lambda: heard().received > 4000)
-            said = time.time()
-            assert hall.engine.send_request(Perform.of(Abort("enough"))) is None
-            until(lambda: hall.engine.snapshot().result)
-        finally:
-            enough.set()
-            thread.join()
-    snapshot = hall.engine.snapshot()
-    assert snapshot.run.stop == pytest.approx(said, abs=0.05 + stutter.allowance)
-    kept = [m.data for m in Bag(Path(snapshot.folder or "")).messages() if m.topic == HANDLE]
-    assert len(kept) > 4000
-    assert kept == sent[: len(kept)]
-    assert (heard().lost, heard().dropped, snapshot.recorder.dropped) == (0, 0, 0)
 
 
 def test_a_start_that_the_disk_does_not_answer_holds_up_no_abort(hall: Hall) -> None:
