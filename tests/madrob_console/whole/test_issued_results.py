@@ -64,10 +64,11 @@ def flip_a_bit(folder: Path) -> None:
     path.write_text(text)
 
 
-@pytest.fixture
-def short(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def short_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A signed run of level 6 whose recording ends where the disk was full."""
-    with memory_disk(tmp_path / "disk") as disk:
+    place = tmp_path_factory.mktemp("short")
+    with memory_disk(place / "disk") as disk:
         drive = Drive(disk.folder / "results")
         drive.start(make_setup())
         drive.wait(8.0)
@@ -81,11 +82,16 @@ def short(tmp_path: Path) -> Path:
         assert drive.engine.refused == ""
         assert drive.engine.run.unrecorded > 0
         drive.engine.close()
-        folder = shutil.copytree(drive.folder, tmp_path / "results" / drive.folder.name)
+        folder = shutil.copytree(drive.folder, place / drive.folder.name)
     issued = read_result(str(folder))
     assert issued.closure is not None
     assert issued.indicators[LEVEL].value == 6
     return folder
+
+
+@pytest.fixture
+def short(short_run: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(short_run, tmp_path / "results" / short_run.name)
 
 
 def test_a_result_signed_after_a_full_disk_stays_when_its_recording_is_recovered(
