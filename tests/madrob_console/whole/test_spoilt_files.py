@@ -14,6 +14,7 @@ import pytest
 from madrob_console.archive.folders import JOURNAL_FILE, NUMBERS_FILE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
 from madrob_console.cli.repairing import repair_all
+from tests.madrob_console.archive.test_history import in_its_place
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import final
 from tests.slowly import slow_but_for
@@ -29,44 +30,20 @@ FILES = {
 }
 
 
-def flip_a_bit(path: Path, _precious: Path) -> None:
+def flip_a_bit(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[len(content) // 3] ^= 4
     path.write_bytes(content)
 
 
-def cut(path: Path, _precious: Path) -> None:
-    os.truncate(path, path.stat().st_size // 2)
-
-
-def put_a_link(path: Path, precious: Path) -> None:
-    path.unlink()
-    path.symlink_to(precious)
-
-
-def put_a_pipe(path: Path, _precious: Path) -> None:
-    path.unlink()
-    os.mkfifo(path)
-
-
-def put_a_folder(path: Path, _precious: Path) -> None:
-    path.unlink()
-    path.mkdir()
-
-
-def add_a_long_line(path: Path, _precious: Path) -> None:
-    with path.open("ab") as file:
-        file.write(b"x" * 10_000_000 + b"\n")
-
-
-KINDS: tuple[Callable[[Path, Path], None], ...] = (
-    flip_a_bit,
-    cut,
-    put_a_link,
-    put_a_pipe,
-    put_a_folder,
-    add_a_long_line,
-)
+KINDS: dict[str, Callable[[Path], object]] = {
+    "a flipped bit": flip_a_bit,
+    "half of it": lambda path: os.truncate(path, path.stat().st_size // 2),
+    "a long line more": lambda path: path.write_bytes(path.read_bytes() + b"x" * 10_000_000),
+    "a link": in_its_place(lambda path: path.symlink_to(path.parents[3] / "precious")),
+    "a pipe": in_its_place(os.mkfifo),
+    "a folder": in_its_place(Path.mkdir),
+}
 COMMANDS = (
     "score --check",
     "standings --practice --results",
@@ -90,10 +67,10 @@ def hung(_number: int, _frame: FrameType | None) -> None:
     raise AssertionError("a command waits for what lies there")
 
 
-@pytest.mark.parametrize("kind", slow_but_for(KINDS, flip_a_bit, put_a_pipe))
+@pytest.mark.parametrize("kind", slow_but_for(KINDS, "a flipped bit", "a pipe"))
 @pytest.mark.parametrize("file", slow_but_for(FILES, "result"))
 def test_it_is_named_and_nothing_signed_is_lost(
-    file: str, kind: Callable[[Path, Path], None], madrob: Madrob, tmp_path: Path
+    file: str, kind: str, madrob: Madrob, tmp_path: Path
 ) -> None:
     results, precious = tmp_path / "results", tmp_path / "precious"
     precious.write_text("mine")
@@ -102,7 +79,7 @@ def test_it_is_named_and_nothing_signed_is_lost(
     madrob("report", folder)
     signed = read_whole_result(str(folder))
     (path,) = folder.glob(FILES[file])
-    kind(path, precious)
+    KINDS[kind](path)
     before = signal.signal(signal.SIGALRM, hung)
     signal.alarm(PATIENCE)
     try:
