@@ -53,9 +53,16 @@ from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from scoring.protocol import Condition
 from tests.madrob_console.engine.drive import make_setup, signed
-from tests.madrob_console.engine_process import BY_HAND, ZERO_NEEDS, EngineProcess
+from tests.madrob_console.engine_process import (
+    BY_HAND,
+    ZERO_NEEDS,
+    EngineProcess,
+    journal_of,
+    result_of,
+)
 from tests.watching import until
 
+DONE, NO_ANSWER = "done", "no answer"
 TRIES = 6
 ON_ITS_WAY = 0.5
 """What takes effect at once may be lost with an engine that is killed so soon after it, s."""
@@ -81,50 +88,32 @@ class Asked:
     Attributes:
         act: unlike any other of its run, but for a start.
         run_number: of which run.
-        answered: whether an answer came.
-        refused: the answer; None = it was done.
-        at: when it was asked for, s since the epoch.
+        answer: `DONE`, `NO_ANSWER`, or why it was refused.
         took: how long the answer took, s.
         answered_at: when it came, s of the monotonic clock.
     """
 
     act: Act
     run_number: int
-    answered: bool
-    refused: str | None
-    at: float
+    answer: str
     took: float
     answered_at: float
 
-    @property
-    def answer(self) -> str:
-        """In words."""
-        if not self.answered:
-            return "no answer"
-        return "done" if self.refused is None else f"refused ({self.refused})"
-
-    def lines(self, ended: float = math.inf) -> tuple[int, int]:
+    def lines(self, ended: float) -> tuple[int, int]:
         """How often it may stand in the journal, at least and at most.
 
         Args:
             ended: when the engine was ended by force, s of the monotonic clock.
         """
-        if not self.answered:
-            return 0, 1
-        if self.refused is not None:
+        if self.answer not in (DONE, NO_ANSWER):
             return 0, 0
         on_its_way = self.act.at_once and ended - self.answered_at < ON_ITS_WAY
-        return (0, 1) if on_its_way else (1, 1)
+        return int(self.answer == DONE and not on_its_way), 1
 
 
 @dataclass
 class Notes:
-    """What was asked, and the words that were shown.
-
-    Attributes:
-        asked: in order.
-        words: faults and refusals, without what differs from run to run.
-    """
+    """What was asked, in order, and the words that were shown: faults and refusals."""
 
     asked: list[Asked] = field(default_factory=list)
     words: set[str] = field(default_factory=set)
@@ -235,13 +224,10 @@ class Referee:
             EngineGoneError: the engine ended.
         """
         name = act(0).name
-        for number in range(TRIES):
+        for number in self._tries(name):
             self.until(lambda s: name not in s.refusals)
             if self.do(act(number)) is None:
                 return
-            self._disk_back()
-            time.sleep(_BETWEEN_TRIES)
-        raise AssertionError(f"{name} refused {TRIES} times: {self.notes.words}")
 
     def take_back(self) -> None:
         """Take back the last decision, and no other where it is not known whether that was done.
@@ -250,14 +236,11 @@ class Referee:
             EngineGoneError: the engine ended.
         """
         last = last_decision(self.snapshot().run)
-        for number in range(TRIES):
+        for number in self._tries("take back"):
             if last is None or last_decision(self.snapshot().run) != last:
                 return
             if self.do(TakeBack(last.kind, last.time, f"my mistake, {number}")) is None:
                 return
-            self._disk_back()
-            time.sleep(_BETWEEN_TRIES)
-        raise AssertionError(f"take back refused {TRIES} times: {self.notes.words}")
 
     def do(self, act: Act) -> str | None:
         """Ask for an act; why it was refused.
@@ -265,28 +248,34 @@ class Referee:
         Raises:
             EngineGoneError: the engine ended.
         """
-        began, at = time.monotonic(), time.time()
-        refused: str | None
+        began = time.monotonic()
+        refused, error = None, None
         try:
             refused = self._engine.client.send_request(Perform.of(act))
-        except MadrobError as error:
-            took = time.monotonic() - began
-            if self._gone():
-                self.notes.asked.append(Asked(act, self._number, False, None, at, took, 0.0))
-                raise EngineGoneError from error
-            refused = str(error)
-            if isinstance(error, UnsureError):
-                self.notes.asked.append(Asked(act, self._number, False, None, at, took, 0.0))
-                self._hear(f"{act.name}: {refused}")
-                return refused
-        took = time.monotonic() - began
-        self.notes.asked.append(Asked(act, self._number, True, refused, at, took, began + took))
+        except MadrobError as broken:
+            refused, error = str(broken), broken
+        now = time.monotonic()
+        gone = error is not None and self._gone()
+        answer = DONE if refused is None else refused
+        if gone or isinstance(error, UnsureError):
+            answer = NO_ANSWER
+        self.notes.asked.append(Asked(act, self._number, answer, now - began, now))
+        if gone:
+            raise EngineGoneError from error
         if refused is not None:
             self._hear(f"{act.name}: {refused}")
         return refused
 
+    def _tries(self, what: str) -> Iterator[int]:
+        """The numbers of the tries; between them the disk comes back."""
+        for number in range(TRIES):
+            yield number
+            self._disk_back()
+            time.sleep(_BETWEEN_TRIES)
+        raise AssertionError(f"{what} refused {TRIES} times: {self.notes.words}")
+
     def _ask_number(self) -> int:
-        for _ in range(TRIES):
+        for _ in self._tries("next run number"):
             try:
                 return self._engine.client.send_request(
                     NextRunNumber(_SUBJECT, _CONDITION, practice=True)
@@ -295,9 +284,7 @@ class Referee:
                 if self._gone():
                     raise EngineGoneError from error
                 self._hear(f"next run number: {error}")
-                self._disk_back()
-                time.sleep(_BETWEEN_TRIES)
-        raise AssertionError(f"no run number in {TRIES} tries: {self.notes.words}")
+        raise AssertionError
 
     def _hear(self, words: str) -> None:
         self.notes.words.add(words.replace(str(self._engine.results), "RESULTS"))
@@ -334,19 +321,12 @@ class Referee:
 
     def _gone(self, patience: float = 2.0) -> bool:
         """Whether the connection broke because the engine ended."""
-        if not _lost(self._engine):
+        with suppress(MadrobError):
+            self._engine.snapshot()
             return False
         with suppress(Exception):
             self._engine.process.wait(patience)
         return self._engine.process.poll() is not None
-
-
-def _lost(engine: EngineProcess) -> bool:
-    try:
-        engine.snapshot()
-    except MadrobError:
-        return True
-    return False
 
 
 def what_is_wrong(
@@ -367,10 +347,9 @@ def what_is_wrong(
     for name in sorted(run_folder_names(results)):
         wrong += _not_agreeing(results / name)
     number = later.client.send_request(NextRunNumber(_SUBJECT, _CONDITION, practice=True))
-    used = {asked.run_number for asked in notes.asked if isinstance(asked.act, Start)}
-    known = (*_folders(results), *_given_out(results))  # a correction has one of another series
-    given_out = {run.run for run in known if (run.subject, run.condition) == (_SUBJECT, _CONDITION)}
-    if number <= max(used & given_out | given_out, default=0):
+    named = (*_folders(results), *_given_out(results))  # a correction has one of another series
+    series = (_SUBJECT, _CONDITION)
+    if number <= max((n.run for n in named if (n.subject, n.condition) == series), default=0):
         wrong.append(f"run number {number} would be used twice")
     return wrong
 
@@ -405,10 +384,9 @@ def _not_as_answered(results: Path, notes: Notes, ended: float) -> Iterator[str]
         entries = _journal(results, run_number)
         found = sum(act_of(e) == act for e in entries)
         effective = min(found, _begun(entries)) if isinstance(act, Start) else found
-        least = sum(asked.lines(ended)[0] for asked in asked_often)
-        most = sum(asked.lines(ended)[1] for asked in asked_often)
+        least, most = map(sum, zip(*(one.lines(ended) for one in asked_often), strict=True))
         if found < least or effective > most:
-            answers = [asked.answer for asked in asked_often]
+            answers = [one.answer for one in asked_often]
             yield f"{act}: {answers}, and stands {found} times in the journal"
 
 
@@ -429,10 +407,7 @@ def _journal(results: Path, run_number: int) -> tuple[Entry, ...]:
 
 def _not_agreeing(folder: Path, patience: float = 40.0) -> Iterator[str]:
     """The result is what journal and bag say, as soon as an engine had the time to look."""
-    entries, _ = (
-        read_journal(folder / JOURNAL_FILE) if (folder / JOURNAL_FILE).exists() else ((), ())
-    )
-    ran = any(entry.what == Change.RUN_STARTS for entry in entries)
+    ran = any(entry.what == Change.RUN_STARTS for entry in journal_of(folder))
     end, differing = time.monotonic() + patience, ["there is no result"] if ran else []
     while (folder / RESULT_FILE).exists():
         try:
@@ -447,8 +422,7 @@ def _not_agreeing(folder: Path, patience: float = 40.0) -> Iterator[str]:
 
 def _differing(folder: Path) -> list[str]:
     """What differs from journal and bag; a bag that broke off has less than the result."""
-    remarks = msgspec.json.decode((folder / RESULT_FILE).read_bytes())["quality"]["remarks"]
-    torn = any(_BAG_FAILED in remark for remark in remarks)
+    torn = any(_BAG_FAILED in remark for remark in result_of(folder)["quality"]["remarks"])
     return [
         difference.words
         for difference in check_run(RunPath(folder)).differences

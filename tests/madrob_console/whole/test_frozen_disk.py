@@ -30,7 +30,7 @@ from tests.madrob_console.engine_process import (
     result_of,
 )
 from tests.madrob_console.refereed_run import Referee, what_is_wrong
-from tests.madrob_console.ros_peer import TYPES, Peer
+from tests.madrob_console.ros_peer import KEPT, TYPES, Peer
 from tests.madrob_console.small_disk import SmallDisk, disk_image
 from tests.terminal import Terminal
 from tests.watching import Stutter, until
@@ -275,7 +275,7 @@ def test_an_abort_is_on_dds_at_once_while_the_disk_is_frozen(
         Peer(ros_domain) as peer,
         Stutter() as stutter,
     ):
-        heard = peer.listen_raw(REFEREE_STATE_TOPIC, "std_msgs/msg/String")
+        heard = peer.listen_raw(REFEREE_STATE_TOPIC, "std_msgs/msg/String", KEPT)
 
         def announced(phase: str) -> bool:
             return any(json.loads(decode_text(TYPES, data))["phase"] == phase for data in heard)
