@@ -8,7 +8,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import closing, redirect_stdout
 from pathlib import Path
@@ -30,7 +29,7 @@ from madrob_console.referee.acts import Abort, SetUp
 from madrob_console.referee.run import Phase
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.served import told_by
-from tests.madrob_console.engine_process import ROOT, EngineProcess, start_madrob
+from tests.madrob_console.engine_process import MADROB, ROOT, EngineProcess, start_madrob
 from tests.madrob_console.recorded_runs import final
 from tests.madrob_console.small_disk import disk_image
 from tests.terminal import Terminal
@@ -62,9 +61,8 @@ class Bench:
 
     def start(self, *words: object, before: str = "") -> subprocess.Popen[str]:
         """A program that may be an engine."""
-        process = start_madrob(*words, before=before)
-        self.processes.append(process)
-        return process
+        self.processes.append(start_madrob(*words, before=before))
+        return self.processes[-1]
 
     def serve(
         self, *options: str, before: str = "", results: Path | None = None
@@ -80,8 +78,8 @@ class Bench:
         process = self.serve(*options, before=before, results=results)
 
         def ready() -> bool:
-            found = [one.answer for one in self.only_its_own() if one.pid == process.pid]
-            return any(answer and answer.phase != "starting" for answer in found)
+            answers = [one.answer for one in self.only_its_own() if one.pid == process.pid]
+            return any(answer and answer.phase != "starting" for answer in answers)
 
         until(ready, 60.0)
         return process
@@ -101,10 +99,6 @@ class Bench:
         """What `madrob engine status` says of one engine; empty = nothing."""
         lines = self.engine("status")[1].splitlines()
         return next((line for line in lines if f"pid {process.pid}," in line), "")
-
-    def stop(self, *options: str) -> tuple[int, str]:
-        """`madrob engine stop`."""
-        return self.engine("stop", *options)
 
     def attach(self, *options: str) -> RemoteEngine:
         """What `madrob console` does before it shows anything."""
@@ -156,7 +150,7 @@ def test_an_idle_simulated_engine_makes_way_for_the_live_testbed(
     """Not while a screen is attached."""
     process = bench.served()
     live = [f"--results={bench.results}", "--testbed", "ros", "--idle-time=0.5"]
-    argv = [sys.executable, "-m", "madrob_console.cli.main", "console", *live]
+    argv = [*MADROB, "console", *live]
     with closing(bench.attach()), Terminal(argv, 160, cwd=ROOT) as refused:
         refused.wait_for(f"an engine already (SIMULATED nominal, pid {process.pid}, ", timeout=60.0)
         assert refused.wait_exit(60.0) == 2
@@ -183,14 +177,14 @@ def test_a_results_folder_has_one_engine_by_whatever_path_and_a_screen_keeps_it(
     assert again.wait(60.0) == TAKEN
     with closing(bench.attach(f"--results={link}")) as console:
         assert console.pid == first.pid
-        code, said = bench.stop()
+        code, said = bench.engine("stop")
         assert code == 1
         assert said.startswith(f"SIMULATED nominal: goes on, a screen is attached; {CUT_OFF}")
         assert console.snapshot().refusal("set up") is None  # its referee may still act
-        argv = [sys.executable, "-m", "madrob_console.cli.main", "engine", "stop"]
+        argv = [*MADROB, "engine", "stop", f"--results={bench.results}"]
         for typed, code in (("\r", 1), ("y\r", 0)):
             assert first.poll() is None
-            with Terminal([*argv, f"--results={bench.results}"], 160, cwd=ROOT) as terminal:
+            with Terminal(argv, 160, cwd=ROOT) as terminal:
                 terminal.wait_for("a screen is attached. End it all the same? [y/N]")
                 terminal.send(typed)
                 assert terminal.wait_exit(60.0) == code
@@ -254,7 +248,7 @@ def test_each_form_of_stop_ends_what_it_names_and_nothing_else(
     def going_on() -> list[bool]:
         return [process.poll() is None for process in (*served, replay)]
 
-    code, said = bench.stop("--force")
+    code, said = bench.engine("stop", "--force")
     assert (code, said.partition("\n")[0]) == (
         1,
         "3 engines run: name one of them, or end them with --all",
@@ -269,18 +263,18 @@ def test_each_form_of_stop_ends_what_it_names_and_nothing_else(
         ("--testbed", "ros", "--results", str(bench.results)),
         ("--pid", str(os.getpid())),
     ):
-        code, said = bench.stop("--force", *other)
+        code, said = bench.engine("stop", "--force", *other)
         assert (code, said.partition("\n")[0]) == (1, f"{NOBODY}; these do:")
     assert going_on() == [True, True, True]
 
-    assert bench.stop("--results", str(two)) == (0, "SIMULATED slow: ended\n")
+    assert bench.engine("stop", "--results", str(two)) == (0, "SIMULATED slow: ended\n")
     assert going_on() == [True, False, True]
-    assert bench.stop("--testbed", "replay", str(run))[0] == 0
+    assert bench.engine("stop", "--testbed", "replay", str(run))[0] == 0
     assert going_on() == [True, False, False]
-    assert bench.stop("--testbed", "simulated", f"--settings={settings}")[0] == 0
+    assert bench.engine("stop", "--testbed", "simulated", f"--settings={settings}")[0] == 0
     assert going_on() == [False, False, False]
-    assert bench.stop() == (0, "no engine runs\n")
-    assert bench.stop("--results", str(two)) == (1, f"{NOBODY}\n")
+    assert bench.engine("stop") == (0, "no engine runs\n")
+    assert bench.engine("stop", "--results", str(two)) == (1, f"{NOBODY}\n")
 
 
 def test_an_engine_of_another_version_is_ended_by_the_line_that_the_console_says(
@@ -291,7 +285,7 @@ def test_an_engine_of_another_version_is_ended_by_the_line_that_the_console_says
     refused = bench.refused()
     assert "speaks version 900, this console " in refused
     assert f"`madrob engine stop --pid {process.pid}` ends it" in refused
-    assert bench.stop("--all") == (0, 2 * "SIMULATED nominal: ended\n")
+    assert bench.engine("stop", "--all") == (0, 2 * "SIMULATED nominal: ended\n")
     assert other.wait(1.0) == 0
     told = f"a console of version {wire.VERSION} was rejected: this engine speaks version 900"
     assert process.communicate(timeout=60.0)[0].count(told) == 1
@@ -304,9 +298,9 @@ def test_an_engine_that_was_stopped_by_a_signal_is_there_but_silent(bench: Bench
     assert bench.status(process).endswith(f", {silent}, runs in {bench.results}")
     assert '"phase": null' in bench.engine("status", "--json")[1]
     assert re.search(rf"{silent} \(.*since .*`{line}` ends it", bench.refused())
-    code, said = bench.stop(*line.split()[3:])
+    code, said = bench.engine("stop", *line.split()[3:])
     assert (code, CUT_OFF in said, process.poll()) == (1, True, None)
-    assert bench.stop(f"--pid={process.pid}", "--force")[0] == 0
+    assert bench.engine("stop", f"--pid={process.pid}", "--force")[0] == 0
     assert process.wait(1.0) == 0  # in order: it went on for that
 
 
@@ -322,7 +316,7 @@ def test_an_engine_that_hangs_says_so_and_is_killed_when_it_does_not_end(
         monkeypatch.setattr("madrob_console.cli.attaching.STARTING_TIME", 1.0)
         assert "is ending and not gone yet: " in bench.refused()
         monkeypatch.setattr(running_engines, "ENDING_TIME", 1.0)
-        code, said = bench.stop("--results", str(bench.results), "--force")
+        code, said = bench.engine("stop", "--results", str(bench.results), "--force")
         assert code == 0
         assert "has not ended within 1 s, it is killed" in said
         assert said.endswith("ended; the next engine asks about a run that went on\n")
@@ -356,7 +350,7 @@ def test_what_a_disk_holds_back_is_said_to_go_on_until_it_has_ended(
             until(lambda: "recorder" in {check.name for check in console.snapshot().checks})
             with disk.stalled():
                 until(lambda: console.snapshot().pulse.disk >= 1)
-                code, said = bench.stop(f"--results={bench.results}", "--force")
+                code, said = bench.engine("stop", f"--results={bench.results}", "--force")
                 assert code == 1
                 assert "has not ended within 1 s, it is killed" in said
                 assert "the machine waits for a disk, and ends it when that answers" in said
@@ -374,7 +368,7 @@ def test_a_run_without_screens_is_listed_refused_to_a_console_and_stopped(bench:
     process = bench.start("run", *testbed, *flags)
     until(lambda: "RUNNING, run 1 of subject 3, " in bench.status(process), 60.0)
     assert "a `madrob run` has the testbed" in bench.refused("--scenario=no-touch")
-    code, said = bench.stop("--results", str(bench.results))
+    code, said = bench.engine("stop", "--results", str(bench.results))
     assert (code, "a run that goes on is aborted and does not count" in said) == (1, True)
-    code, _ = bench.stop("--results", str(bench.results), "--force")
+    code, _ = bench.engine("stop", "--results", str(bench.results), "--force")
     assert (code, process.wait(1.0)) == (0, 4)

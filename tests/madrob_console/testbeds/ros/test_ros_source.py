@@ -36,11 +36,13 @@ from tests.watching import PATIENCE, until
 HEADER, STRING = "std_msgs/msg/Header", "std_msgs/msg/String"
 
 
-def test_messages_arrive_byte_for_byte_with_the_times_of_sending_and_arrival(peer: Peer) -> None:
-    publisher = peer.publisher(LOCKED, BOOL)
-    with Taker(source()) as taker:
+@pytest.mark.parametrize("qos", [RELIABLE, BEST_EFFORT, KEPT])
+def test_messages_arrive_byte_for_byte_with_their_times_and_quality(peer: Peer, qos: Qos) -> None:
+    publisher = peer.publisher(LOCKED, BOOL, qos)
+    with Taker(source(latch())) as taker:
         before = time.time_ns()
         peer.say(taker, publisher, True)
+        assert taker.source.topics()[0].qos == qos  # for the bag
     (message,) = taker.taken
     assert (message.topic, message.type, message.data) == (LOCKED, BOOL, truth(True))
     assert before <= message.publish_ns <= message.receive_ns <= time.time_ns()
@@ -69,14 +71,6 @@ def test_nothing_is_lost_of_ten_topics_at_3000_messages_a_second() -> None:
     assert times == sorted(times)
 
 
-@pytest.mark.parametrize("qos", [RELIABLE, BEST_EFFORT, KEPT])
-def test_every_quality_of_service_is_received_and_noted_for_the_bag(peer: Peer, qos: Qos) -> None:
-    publisher = peer.publisher(LOCKED, BOOL, qos)
-    with Taker(source(latch())) as taker:
-        peer.say(taker, publisher, True)
-        assert taker.source.topics()[0].qos == qos
-
-
 def test_qualities_are_those_that_all_publishers_offer(peer: Peer) -> None:
     peer.publisher(LOCKED, BOOL, KEPT)
     peer.publisher(LOCKED, BOOL, RELIABLE)
@@ -92,23 +86,16 @@ def test_the_last_value_of_a_transient_local_topic_is_received_late(peer: Peer) 
     assert taker.taken[0].data == truth(True)
 
 
-def test_two_publishers_on_one_topic_are_visible_and_make_the_loss_unknown(peer: Peer) -> None:
-    first, second = (peer.publisher(LOCKED, BOOL) for _ in range(2))
-    with Taker(source(latch())) as taker:
-        peer.say(taker, first, True, publishers=2)
-        peer.say(taker, second, True, publishers=2)
-        assert taker.source.status()[0].lost is None
-        peer.own.destroy_publisher(first)
-        peer.until(lambda: taker.matched(LOCKED) and taker.source.status()[0].lost == 0)
-
-
-def test_a_publisher_beside_one_that_sends_counts_once_it_sends(peer: Peer) -> None:
+def test_of_two_publishers_each_counts_once_it_sends_and_the_loss_is_unknown(peer: Peer) -> None:
     """One that was killed is there for 20 s more, for DDS."""
     first, second = (peer.publisher(LOCKED, BOOL) for _ in range(2))
     with Taker(source(latch())) as taker:
         peer.say(taker, first, *[True] * 150, publishers=2)
         peer.say(taker, second, True)
         peer.say(taker, first, True, publishers=2)
+        assert taker.source.status()[0].lost is None
+        peer.own.destroy_publisher(first)
+        peer.until(lambda: taker.matched(LOCKED) and taker.source.status()[0].lost == 0)
 
 
 @pytest.mark.slow
