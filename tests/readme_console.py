@@ -13,21 +13,18 @@ from pathlib import Path
 
 from tests.terminal import Terminal
 
-ENTER = "\r"
-F5, F6, F7, F10 = "\x1b[15~", "\x1b[17~", "\x1b[18~", "\x1b[21~"
-
 INSTALLING = 900.0
 LONGEST_RUN = 120.0
 
 SCRIPT: tuple[tuple[str, float, str], ...] = (
-    ("2 of 9 checks fail", INSTALLING, ENTER),
-    ("Run 1 of subject 1 is set up", 10.0, F7),
-    ("Done: handle zeroed", 10.0, F6),
-    ("all passed or waived", 10.0, F5),
+    ("2 of 9 checks fail", INSTALLING, "Enter"),
+    ("Run 1 of subject 1 is set up", 10.0, "F7"),
+    ("Done: handle zeroed", 10.0, "F6"),
+    ("all passed or waived", 10.0, "F5"),
     ("COUNTDOWN", 10.0, ""),
     ("✓ 3 open the door", LONGEST_RUN, ""),
     ("COMPLETED", LONGEST_RUN, ""),
-    ("capability level                     6 ", 10.0, F10),
+    ("capability level                     6 ", 10.0, "F10"),
 )
 """What to wait for on the screen, for how many seconds at most, and the keys to press then."""
 
@@ -37,7 +34,7 @@ def play(terminal: Terminal) -> int:
     for text, timeout, keys in SCRIPT:
         terminal.wait_for(text, timeout=timeout)
         print(f"--- {text!r} is on the screen", *terminal.screen(), sep="\n", flush=True)
-        terminal.send(keys)
+        terminal.press(keys)
     return terminal.wait_exit()
 
 
