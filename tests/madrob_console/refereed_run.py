@@ -126,6 +126,8 @@ class Notes:
 class Referee:
     """Leads one run with note, result, finalise, re-issue, and insists on each.
 
+    Whatever it does raises `EngineGoneError` when the engine has ended.
+
     Args:
         engine: of the simulated testbed, whose robot touches the door and gives up.
         patience: for each step, s.
@@ -145,19 +147,11 @@ class Referee:
         self._number = 0
 
     def sign(self, word: TeamWord, note: str) -> None:
-        """Finalise, as soon as it is possible.
-
-        Raises:
-            EngineGoneError: the engine ended.
-        """
+        """Finalise, as soon as it is possible."""
         self.insist(lambda n: signed(self.snapshot(), word, f"{note}, {n}"))
 
     def whole_run(self) -> None:
-        """From the set-up to the second issue.
-
-        Raises:
-            EngineGoneError: the engine ended.
-        """
+        """From the set-up to the second issue."""
         self.start()
         self.insist(lambda n: AddNote(f"in the run, {n}"))
         self.until(lambda s: s.result is not None)
@@ -176,25 +170,17 @@ class Referee:
 
         Args:
             setup: of the run, as for `make_setup`.
-
-        Raises:
-            EngineGoneError: the engine ended.
         """
-        for _ in range(TRIES):
+        for _ in self._tries("start"):
             self.prepare(**setup)
             if self.do(Start()) is None:
                 self.until(lambda s: s.run.phase not in (Phase.READY, Phase.COUNTDOWN))
                 return
             self._disk_back()
             self.stays_ready()
-        raise AssertionError(f"no start in {TRIES} tries: {self.notes.words}")
 
     def prepare(self, timeout: float = 4.0, countdown: float = 1.0) -> None:
-        """All that comes before the start, with a run number that was never used.
-
-        Raises:
-            EngineGoneError: the engine ended.
-        """
+        """All that comes before the start, with a run number that was never used."""
         self._number = self._ask_number()
         setup = make_setup(run_number=self._number, timeout=timeout, countdown=countdown)
         self.do(SetUp(setup))
@@ -206,11 +192,7 @@ class Referee:
         self.until(lambda s: not blocking(s.checks))
 
     def stays_ready(self, duration: float = _BETWEEN_TRIES) -> None:
-        """What was refused is not done later.
-
-        Raises:
-            EngineGoneError: the engine ended.
-        """
+        """What was refused is not done later."""
         end = time.monotonic() + duration
         while time.monotonic() < end:
             phase = self.snapshot().run.phase
@@ -218,11 +200,7 @@ class Referee:
             time.sleep(_BETWEEN_LOOKS)
 
     def insist(self, act: Callable[[int], Act]) -> None:
-        """Do an act as soon as it is possible; where it is refused, again, as one of its own.
-
-        Raises:
-            EngineGoneError: the engine ended.
-        """
+        """Do an act as soon as it is possible; where it is refused, again, as one of its own."""
         name = act(0).name
         for number in self._tries(name):
             self.until(lambda s: name not in s.refusals)
@@ -230,11 +208,7 @@ class Referee:
                 return
 
     def take_back(self) -> None:
-        """Take back the last decision, and no other where it is not known whether that was done.
-
-        Raises:
-            EngineGoneError: the engine ended.
-        """
+        """Take back the last decision, and no other where it is not known whether that was done."""
         last = last_decision(self.snapshot().run)
         for number in self._tries("take back"):
             if last is None or last_decision(self.snapshot().run) != last:
@@ -243,11 +217,7 @@ class Referee:
                 return
 
     def do(self, act: Act) -> str | None:
-        """Ask for an act; why it was refused.
-
-        Raises:
-            EngineGoneError: the engine ended.
-        """
+        """Ask for an act; why it was refused."""
         began = time.monotonic()
         refused, error = None, None
         try:
@@ -290,11 +260,7 @@ class Referee:
         self.notes.words.add(words.replace(str(self._engine.results), "RESULTS"))
 
     def snapshot(self) -> Snapshot:
-        """What a screen would show now.
-
-        Raises:
-            EngineGoneError: the engine ended.
-        """
+        """What a screen would show now."""
         try:
             snapshot = self._engine.snapshot()
         except MadrobError as error:
@@ -307,11 +273,7 @@ class Referee:
         return snapshot
 
     def until(self, done: Callable[[Snapshot], bool]) -> float:
-        """Wait until a snapshot is such; how long that took, s.
-
-        Raises:
-            EngineGoneError: the engine ended.
-        """
+        """Wait until a snapshot is such; how long that took, s."""
         began = time.monotonic()
         while not done(snapshot := self.snapshot()):
             seen = (snapshot.run.phase, snapshot.faults, snapshot.log[-3:])

@@ -59,7 +59,7 @@ def test_many_wildcards_take_no_time() -> None:
     assert not matches("/**" * 60 + "/x", "/a" * 120)
 
 
-def test_the_choice_of_the_settings_says_which_topics_at_which_rate_and_what_is_missing() -> None:
+def test_the_settings_say_which_topics_at_which_rate_and_what_is_missing() -> None:
     left, cameras = TopicLimit("/camera/left", 10.0), TopicLimit("/camera/*", 1.0)
     choice = EvidenceChoice(("/camera/**", "/tf"), ("/camera/spare/**",), (left, cameras))
     topics = ("/camera/left", "/camera/spare/raw", "/tf", "/rosout")

@@ -144,7 +144,7 @@ def test_status_tells_what_the_recording_holds_and_what_it_lacks(bag: Path, tmp_
     assert all_of(whole) == []
 
 
-def test_types_come_with_the_bag_and_one_that_is_another_here_is_a_problem_of_its_topic(
+def test_types_come_with_the_bag_and_one_that_differs_is_a_problem_of_its_topic(
     tmp_path: Path,
 ) -> None:
     own, others, same = MessageTypes(), MessageTypes(), MessageTypes()

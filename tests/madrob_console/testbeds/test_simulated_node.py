@@ -193,7 +193,7 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals) -> None:
     assert "messages on /madrob/door/angle" in out
 
 
-def test_a_state_names_phase_condition_and_start_and_what_is_none_is_refused_in_one_line() -> None:
+def test_a_state_names_phase_condition_and_start_and_nonsense_is_refused_in_a_line() -> None:
     parsed = parse_state(said.state_text("running", 12.5, CW))
     assert (parsed.phase, parsed.condition, parsed.start_time) == ("running", CW, 12.5)
     assert parse_state(said.state_text("idle", None, None)).condition is None

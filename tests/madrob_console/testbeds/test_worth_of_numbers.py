@@ -85,7 +85,7 @@ def values(result: Result) -> dict[Name, int | float | None]:
 
 
 @pytest.mark.parametrize("by", [0.09, -0.09])
-def test_stamps_off_the_clock_of_the_start_are_doubted_and_a_little_is_in_the_uncertainty(
+def test_stamps_off_the_start_s_clock_are_doubted_a_little_is_in_the_uncertainty(
     by: float,
 ) -> None:
     plan = plan_of(Scenario.NOMINAL)

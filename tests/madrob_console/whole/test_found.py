@@ -124,7 +124,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
         process.communicate()
 
 
-def test_a_run_is_found_and_aborted_after_its_login_and_has_no_rival_without_its_files(
+def test_a_run_is_aborted_after_its_login_and_has_no_rival_without_its_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))

@@ -177,7 +177,7 @@ def of_other_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("madrob_console.archive.result_files.libraries_here", lambda: other)
 
 
-def test_a_damaged_result_becomes_what_was_signed_or_the_next_issue_and_only_by_recover(
+def test_a_damaged_result_becomes_the_signed_one_or_the_next_issue_by_recover_alone(
     signed: Path, monkeypatch: pytest.MonkeyPatch, madrob: Madrob
 ) -> None:
     right = (signed / RESULT_FILE).read_bytes()

@@ -9,8 +9,8 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -52,15 +52,6 @@ NOT_RECORDED = r"(?P<topic>\S+): (?P<count>\d+) messages are not in the recordin
 SCORED = {mapping.topic for mapping in DEFAULT_MAPPINGS}
 
 
-class Fault(StrEnum):
-    FULL = "disk full"
-    READ_ONLY = "disk turned read-only"
-    PULLED_OUT = "disk pulled out"
-    RESULTS_DELETED = "results folder deleted"
-    RUN_DELETED = "run folder deleted"
-    RUN_LOCKED = "run folder made read-only"
-
-
 class Stop(StrEnum):
     COMPLETED = "completed"
     ELAPSED = "timeout elapsed"
@@ -68,14 +59,55 @@ class Stop(StrEnum):
     ABORTED = "aborted"
 
 
-DELETED = (Fault.RESULTS_DELETED, Fault.RUN_DELETED)
-WORDS = {
-    Fault.FULL: "No space left on device; what was written stays readable",
-    Fault.READ_ONLY: "Read-only file system; what was written stays readable",
-    Fault.PULLED_OUT: "Input/output error; what was written stays readable",
-    Fault.RESULTS_DELETED: "the file was deleted; what was written is lost",
-    Fault.RUN_DELETED: "the file was deleted; what was written is lost",
-    Fault.RUN_LOCKED: "cannot be written: make it yours",
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What a disk does, and how it is put right; where that cannot be, the bag is gone.
+
+    Attributes:
+        words: by which it is named.
+        bag_is_whole: open files can still be written.
+    """
+
+    words: str
+    spoil: Callable[[SmallDisk, Drive], object]
+    mend: Callable[[SmallDisk, Drive], object] | None
+    disk: Callable[[Path], AbstractContextManager[SmallDisk]]
+    bag_is_whole: bool = False
+
+
+STAYS, LOST = "; what was written stays readable", "the file was deleted; what was written is lost"
+FAULTS = {
+    "disk full": Fault(
+        f"No space left on device{STAYS}",
+        lambda disk, _: disk.fill(),
+        lambda disk, _: disk.make_room(),
+        memory_disk,
+    ),
+    "disk turned read-only": Fault(
+        f"Read-only file system{STAYS}",
+        lambda disk, _: disk.turn_read_only(),
+        lambda disk, _: disk.come_back(),
+        disk_image,
+    ),
+    "disk pulled out": Fault(
+        f"Input/output error{STAYS}",
+        lambda disk, _: disk.pull_out(),
+        lambda disk, _: disk.come_back(),
+        disk_image,
+    ),
+    "results folder deleted": Fault(
+        LOST, lambda _, drive: shutil.rmtree(drive.engine.config.results), None, memory_disk
+    ),
+    "run folder deleted": Fault(
+        LOST, lambda _, drive: shutil.rmtree(drive.folder), None, memory_disk
+    ),
+    "run folder made read-only": Fault(
+        "cannot be written: make it yours",
+        lambda _, drive: lock_folder(drive.folder, locked=True),
+        lambda _, drive: lock_folder(drive.folder, locked=False),
+        disk_image,
+        bag_is_whole=True,
+    ),
 }
 
 
@@ -138,36 +170,9 @@ def undisturbed(stop: Stop) -> Result:
     return drive.result
 
 
-def spoil(fault: Fault, disk: SmallDisk, drive: Drive) -> None:
-    match fault:
-        case Fault.FULL:
-            disk.fill()
-        case Fault.READ_ONLY:
-            disk.turn_read_only()
-        case Fault.PULLED_OUT:
-            disk.pull_out()
-        case Fault.RESULTS_DELETED:
-            shutil.rmtree(drive.engine.config.results)
-        case Fault.RUN_DELETED:
-            shutil.rmtree(drive.folder)
-        case Fault.RUN_LOCKED:
-            lock_folder(drive.folder, locked=True)
-
-
-def mend(fault: Fault, disk: SmallDisk, drive: Drive) -> None:
-    match fault:
-        case Fault.FULL:
-            disk.make_room()
-        case Fault.READ_ONLY | Fault.PULLED_OUT:
-            disk.come_back()
-        case Fault.RUN_LOCKED:
-            lock_folder(drive.folder, locked=False)
-
-
 @contextmanager
 def on_a_disk(fault: Fault, stop: Stop, folder: Path) -> Iterator[tuple[SmallDisk, Recorded]]:
-    kind = memory_disk if fault in (Fault.FULL, *DELETED) else disk_image
-    with kind(folder) as disk, pytest.MonkeyPatch.context() as patch:
+    with fault.disk(folder) as disk, pytest.MonkeyPatch.context() as patch:
         drive = Recorded(disk.folder / "results", stop)
         sync = McapFile.sync
 
@@ -188,9 +193,9 @@ def go_through(fault: Fault, stop: Stop, moment: float, folder: Path) -> None:
         safe = Counter(message.topic for message in drive.of_the_run())
         drive.wait_for_sync()
         assert drive.faults == ""
-        spoil(fault, disk, drive)
+        fault.spoil(disk, drive)
         named = drive.engine.now() + NAMED_WITHIN
-        while WORDS[fault] not in drive.faults:
+        while fault.words not in drive.faults:
             assert drive.engine.now() < named, f"not named: {drive.faults}"
             drive.engine.step(STEP)
             time.sleep(STEP)
@@ -201,10 +206,10 @@ def go_through(fault: Fault, stop: Stop, moment: float, folder: Path) -> None:
                 drive.act(Abort("enough"))
         drive.finish()
         check_live(drive, stop)
-        if fault not in DELETED:  # a result is shown, and on disk as soon as that is possible
+        if fault.mend is not None:  # a result is shown, and on disk as soon as that is possible
             assert drive.engine.refused.startswith("the result is NOT on disk: ")
             assert drive.engine.refused in drive.faults
-            mend(fault, disk, drive)
+            fault.mend(disk, drive)
             drive.wait(RETRY_PERIOD + STEP)
             written = msgspec.json.decode((drive.folder / "result.json").read_bytes())
             assert written["files_left_out"] == []  # what could not be read can be now
@@ -256,13 +261,13 @@ def check_flag(drive: Recorded, fault: Fault) -> None:
     """A recording that lacks scored messages is a flag, which outlives a spoilt `result.json`."""
     told = (re.fullmatch(NOT_RECORDED, r) for r in drive.result.quality.remarks)
     lacking = sum(int(one["count"]) for one in told if one and one["topic"] in SCORED)
-    assert fault is Fault.RUN_LOCKED or lacking > 100
+    assert fault.bag_is_whole or lacking > 100
     words = f"the recording lacks {lacking} messages: the result cannot be made again from it"
     flag = Flag(FlagKind.RECORDING, words, FlagWeight.CAUTION)
     flagged = [one for one in drive.engine.snapshot().flags if one.kind is FlagKind.RECORDING]
     assert flagged == [flag] * (lacking > 0)
     assert (flag in read_result(str(drive.folder)).flags) is (lacking > 0)
-    if lacking and fault not in DELETED:  # no bag to score again
+    if lacking and fault.mend is not None:  # else no bag to score again
         path = drive.folder / "result.json"
         kept = path.read_bytes()
         path.write_bytes(b"{")
@@ -272,7 +277,7 @@ def check_flag(drive: Recorded, fault: Fault) -> None:
 
 def check_bag(drive: Recorded, fault: Fault, safe: Counter[str]) -> None:
     """What had come before the fault is there, in order and without a hole."""
-    if fault in DELETED:
+    if fault.mend is None:
         with pytest.raises(RecorderError):
             Bag(drive.folder)
         return
@@ -287,12 +292,12 @@ def check_bag(drive: Recorded, fault: Fault, safe: Counter[str]) -> None:
 def check_scored_again(drive: Recorded, fault: Fault) -> None:
     """`madrob score` reads what is left: a bag that ends early, or the result's tables alone."""
     live, again = drive.result, next(score(drive.folder)).result
-    if fault in DELETED:
+    if fault.mend is None:
         assert again.events == live.events
     else:
         assert (again.outcome, again.outcome_reason) == (live.outcome, live.outcome_reason)
         assert again.stop == live.stop
-    if fault in (*DELETED, Fault.RUN_LOCKED) and live.outcome is Outcome.COMPLETED:
+    if (fault.mend is None or fault.bag_is_whole) and live.outcome is Outcome.COMPLETED:
         values = {name: i.value for name, i in live.indicators.items()}
         again_values = {name: i.value for name, i in again.indicators.items()}
         assert again_values == pytest.approx(values, rel=1e-3)
@@ -300,15 +305,15 @@ def check_scored_again(drive: Recorded, fault: Fault) -> None:
 
 @pytest.mark.needs("mkfs.ext4")
 @pytest.mark.parametrize("stop", slow_but_for(Stop, Stop.COMPLETED, Stop.ABORTED))
-@pytest.mark.parametrize("fault", slow_but_for(Fault, Fault.FULL, Fault.RUN_DELETED))
+@pytest.mark.parametrize("fault", slow_but_for(FAULTS, "disk full", "run folder deleted"))
 def test_a_failing_disk_is_named_and_ends_no_run(
-    fault: Fault, stop: Stop, request: pytest.FixtureRequest, tmp_path: Path
+    fault: str, stop: Stop, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     """At a moment by chance; with `--runs 200` at ten of them."""
     rng = random.Random(f"{fault} {stop}")
     for number in range(max(1, request.config.getoption("--runs") // 20)):
         latest = 12.0 if stop is Stop.COMPLETED else 6.0
-        go_through(fault, stop, rng.uniform(2.5, latest), tmp_path / f"disk{number}")
+        go_through(FAULTS[fault], stop, rng.uniform(2.5, latest), tmp_path / f"disk{number}")
 
 
 NAMED: dict[str, Callable[[Path, Path], object]] = {

@@ -237,7 +237,7 @@ def test_the_robot_of_the_guide_joins_late_and_is_misled_by_no_order_of_messages
 
 
 @pytest.mark.timeout(300)
-def test_the_robot_of_the_guide_starts_on_the_signal_and_a_held_engine_shifts_no_stamp(
+def test_the_guide_s_robot_starts_on_the_signal_and_a_held_engine_shifts_no_stamp(
     ros_domain: int, tmp_path: Path
 ) -> None:
     """The run is recorded whole and scored the same again; messages that waited come at once."""
@@ -280,7 +280,7 @@ def named(snapshot: Snapshot) -> bool:
     return any(line.startswith("another referee: ") for line in snapshot.faults)
 
 
-def test_each_of_two_engines_in_a_domain_names_the_other_and_one_that_was_killed_is_gone(
+def test_each_of_two_engines_in_a_domain_names_the_other_until_it_is_killed(
     peer: Peer, ros_domain: int, tmp_path: Path
 ) -> None:
     """One is as of another machine: no lock of this one keeps it out. The other offers an abort."""

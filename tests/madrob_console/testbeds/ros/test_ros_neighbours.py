@@ -35,7 +35,6 @@ from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, Taker, latch
 from tests.watching import until
 
 GUIDE = Path(__file__).parents[4] / "madrob_console" / "guide" / "robots.md"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
 BUSY = 2.0
 """s more than the promised 0.2 s that a call may take beside other programs."""
 
@@ -109,7 +108,7 @@ def hall(tmp_path: Path, peer: Peer) -> Iterator[Hall]:
         hall.close()
 
 
-def test_a_call_has_the_checks_and_words_of_the_key_and_its_own_origin_in_the_journal(
+def test_a_call_has_the_checks_and_words_of_the_key_and_an_origin_of_its_own(
     hall: Hall,
 ) -> None:
     assert hall.answer() == (False, "Refused: abort: no run is set up yet")
@@ -136,7 +135,7 @@ def test_a_flood_of_calls_aborts_at_once_and_is_answered(hall: Hall) -> None:
     print(f"stopped {took:.3f} s after the call")
 
 
-def test_no_flood_of_refusals_takes_the_place_of_the_answer_to_an_abort_that_was_done(
+def test_no_flood_of_refusals_takes_the_place_of_the_answer_to_an_abort(
     hall: Hall,
 ) -> None:
     service = hall.source._abort_service
