@@ -303,12 +303,11 @@ class Console(Terminal):
         machine the testbed is silent for a moment: both are said, and who reads it presses again.
         """
         for _ in range(5):
-            before = self._refusal()
+            before = self._refusals()
             self.press(key)
 
-            def said(before: str = before) -> str:
-                refusal = self._refusal()
-                return self.shows(texts[0]) or refusal * (refusal != before)
+            def said(before: set[str] = before) -> str:
+                return self.shows(texts[0]) or "".join(self._refusals() - before)
 
             if self.wait_until(said, repr(texts[0]), STARTING) == texts[0]:
                 break
@@ -316,8 +315,8 @@ class Console(Terminal):
         for text in texts:
             self.wait_for(text, timeout=STARTING)
 
-    def _refusal(self) -> str:
-        return next((row for row in self.screen() if any(word in row for word in _AGAIN)), "")
+    def _refusals(self) -> set[str]:
+        return {row for row in self.screen() if any(word in row for word in _AGAIN)}
 
     def make_ready(self) -> None:
         """From the first screen, or the result of a run, to all that a start needs."""

@@ -1,18 +1,17 @@
-"""A whole competition morning in a terminal: eight runs of four teams, played by keys alone."""
+"""A competition morning in a terminal: runs of three teams, played by keys alone."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import time
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from madrob_console.referee.acts import FileProtest
 from madrob_console.referee.records import TeamWord
-from scoring.protocol import Outcome
 from tests.madrob_console.engine.test_amended_runs import Desk
 from tests.madrob_console.engine_process import (
     MADROB,
@@ -25,182 +24,122 @@ from tests.madrob_console.engine_process import (
 )
 
 LONGEST_RUN = 60.0
-
-TEAMS = {1: "Delft", 2: "門ロボット", 3: "Bots & Co", 4: "Zürich"}
-PULL, PUSH = 1, 6
-"""Conditions: no force from CCW to CW, the door opens towards CCW or towards CW."""
-WORDS = {"a": TeamWord.ACKNOWLEDGED, "b": TeamWord.ABSENT}
+TEAMS = ("Delft", "門ロボット", "Bots & Co")
+WORDS = {TeamWord.ACKNOWLEDGED: "a", TeamWord.ABSENT: "b"}
+"""The key of each word of a team."""
 
 
-@dataclass(frozen=True, slots=True)
-class Planned:
-    """One run of the morning.
+def sign(console: Console, word: TeamWord) -> None:
+    """Close the result with the team's word.
 
-    Attributes:
-        word: key of the team's word; empty = the result is left as it is.
-        denied: the step that the referee denies afterwards.
-        issues: how often the result is finalised.
+    The testbed goes by the clock of this machine: where that is busy its stamps jitter, and the
+    result is doubted. A referee reads that, and signs it as it is.
     """
-
-    subject: int
-    condition: int
-    word: str
-    outcome: Outcome = Outcome.COMPLETED
-    denied: int | None = None
-    issues: int = 1
-
-
-MORNING = (
-    Planned(1, PULL, "a"),
-    Planned(2, PULL, "", outcome=Outcome.ABORTED),
-    Planned(3, PULL, "a"),
-    Planned(4, PULL, "b"),
-    Planned(1, PUSH, "b", denied=4),
-    Planned(2, PUSH, "a"),
-    Planned(3, PUSH, "a", outcome=Outcome.TIMEOUT),
-    Planned(4, PUSH, "a", issues=2),
-)
+    doubted, asked = "Sign it all the same?", "What does the team say?"
+    console.answer("Enter", "What do you want to do")
+    console.answer("f", "Sign the result")
+    if console.wait_for(doubted, asked, timeout=STARTING) == doubted:
+        console.answer("y", asked)
+    console.answer(WORDS[word], "Note (Enter for none):")
+    console.answer("Enter", f"signed by R. Eferee, {word.words}")
 
 
-class Referee:
-    """Presses keys and waits for what the screen says to them."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self.press = console.answer
-
-    def see(self, text: str, timeout: float = STARTING) -> None:
-        """Wait until a text is on the screen."""
-        self._console.wait_for(text, timeout=timeout)
-
-    def set_up(self, planned: Planned, before: Planned | None) -> None:
-        """From the screen on which the run before ended, up to a confirmed pose."""
-        done = f"Run 1 of subject {planned.subject} is set up"
-        if before is None:
-            self.press("Enter", done)
-            self.press("F7", "Done: handle zeroed", "1 of 9 checks fail")
-        else:
-            self.press("F2", "Draft for subject")
-            self._console.send(str(planned.subject))
-            self.see(f"Subject {planned.subject}")
-            if planned.condition != before.condition:
-                self._console.press("Tab", "Tab")  # over the run number
-                self.press("Right", f"{planned.condition}: push")
-            self.press("F3", "referee (sensor)")
-            self.press("x", done, TEAMS[planned.subject], f"{planned.condition}: pu")
-        self.press("F6", "Done: start pose confirmed", "all passed or waived")
-
-    def play(self, outcome: Outcome) -> None:
-        """Through the countdown to the end of the run."""
-        self.press("F5", "COUNTDOWN")
-        self.see("RUNNING")
-        match outcome:
-            case Outcome.ABORTED:
-                self.press("F8", "ABORT the run")
-                self.press("1", "Abort now?")
-                self.press("y", "ABORTED: invalid (robot unsafe)")
-            case Outcome.TIMEOUT:
-                self.see("✓ 1 touch the handle", timeout=LONGEST_RUN)
-                self.press("F9", "DECLARE TIMEOUT")
-                self.press("1", "Timeout now?")
-                self.press("y", "TIMEOUT, valid (the team gives up)")
-            case _:
-                self.see("COMPLETED, valid (all six steps done)", timeout=LONGEST_RUN)
-
-    def finalise(self, word: str) -> None:
-        """Close the result with the team's word.
-
-        The testbed goes by the clock of this machine: where that is busy its stamps jitter, and the
-        result is doubted. A referee reads that, and signs it as it is.
-        """
-        doubted, word_asked = "Sign it all the same?", "What does the team say?"
-        self.press("Enter", "What do you want to do")
-        self.press("f", "Sign the result")
-        if self._console.wait_for(doubted, word_asked) == doubted:
-            self.press("y", word_asked)
-        self.press(word, "Note (Enter for none):")
-        self.press("Enter", f"signed by R. Eferee, {WORDS[word].words}")
-
-    def decide(self, planned: Planned) -> None:
-        """All that follows a run."""
-        if planned.denied is not None:  # the capability follows
-            self.press(str(planned.denied), f"Step {planned.denied}: ", "Sensors: ")
-            self.press("d", "denied (no reason given)", f" {planned.denied - 1} steps")
-        if planned.word:
-            self.finalise(planned.word)
-        for issue in range(2, planned.issues + 1):
-            self.press("Enter", "What do you want to do")
-            self.press("u", "Re-issue the final result")
-            self.press("2", "Re-issue the result?")
-            self.press("y", f"version {issue}, not final")
-            self.finalise(planned.word)
-
-    def look_back(self) -> None:
-        """Every run is in the history, every team in the standings."""
-        for key, title in (("h", "7 valid, 1 INVALID"), ("s", "PRACTICE runs: not official")):
-            self.press(key, title, f"1-{len(MORNING)} of {len(MORNING)}")
-            shown = self._console.screen()
-            for team in TEAMS.values():  # a long name may be cut
-                assert sum(f" {team[:3]}" in row for row in shown) >= 2
+def set_up_next(console: Console, subject: int) -> None:
+    """From the result before to the confirmed pose of another team."""
+    console.answer("F2", "Draft for subject")
+    console.send(str(subject))
+    console.wait_for(f"Subject {subject}", timeout=STARTING)
+    if subject == 3:
+        console.press("Tab", "Tab")  # over the run number
+        console.answer("Right", "6: push")
+    console.answer("F3", "referee (sensor)")
+    console.answer("x", f"Run 1 of subject {subject} is set up", TEAMS[subject - 1])
+    console.answer("F6", "Done: start pose confirmed", "all passed or waived")
 
 
-def check_result(planned: Planned, results: Path) -> None:
-    """A run's folder holds what was done."""
-    numbers = (planned.subject, planned.condition, 1)
-    (folder,) = results.glob("practice/subject_{:03d}_cond_{:03d}_run_{:03d}_*".format(*numbers))
-    result = result_of(folder)
-    assert (result["subject"], result["condition_number"], result["run_number"]) == numbers
-    assert (result["team"], result["source"]) == (TEAMS[planned.subject], "simulated")
-    assert (result["outcome"], result["issue"]) == (planned.outcome, planned.issues)
-    word = result["closure"] and result["closure"]["team_word"]
-    assert word == WORDS.get(planned.word)
-    issues = [
-        json.loads(p.read_bytes())["issue"] for p in sorted(folder.glob("result_issue_*.json"))
-    ]
-    assert issues == list(range(1, planned.issues))
+def start(console: Console) -> None:
+    console.answer("F5", "COUNTDOWN")
+    console.wait_for("RUNNING", timeout=STARTING)
+
+
+def completed_denied_and_issued_twice(console: Console) -> None:
+    console.start_a_run()
+    console.wait_for("COMPLETED, valid (all six steps done)", timeout=LONGEST_RUN)
+    console.answer("4", "Step 4: ", "Sensors: ")
+    console.answer("d", "denied (no reason given)", " 3 steps")
+    sign(console, TeamWord.ACKNOWLEDGED)
+    console.answer("Enter", "What do you want to do")
+    console.answer("u", "Re-issue the final result")
+    console.answer("2", "Re-issue the result?")
+    console.answer("y", "version 2, not final")
+    sign(console, TeamWord.ACKNOWLEDGED)
+
+
+def aborted(console: Console) -> None:
+    set_up_next(console, 2)
+    start(console)
+    console.answer("F8", "ABORT the run")
+    console.answer("1", "Abort now?")
+    console.answer("y", "ABORTED: invalid (robot unsafe)")
+
+
+def given_up(console: Console) -> None:
+    set_up_next(console, 3)
+    start(console)
+    console.wait_for("✓ 1 touch the handle", timeout=LONGEST_RUN)
+    console.answer("F9", "DECLARE TIMEOUT")
+    console.answer("1", "Timeout now?")
+    console.answer("y", "TIMEOUT, valid (the team gives up)")
+    sign(console, TeamWord.ABSENT)
+
+
+def told(result: dict[str, Any]) -> dict[str, object]:
+    """What the morning made of a run."""
+    keys = ("team", "source", "condition_number", "run_number", "outcome", "issue")
     rulings = [(ruling["step"], ruling["confirmed"]) for ruling in result["rulings"]]
-    assert rulings == ([] if planned.denied is None else [(planned.denied, False)])
-    capability = result["indicators"]["capability_level"]["value"]
-    match planned.outcome:
-        case Outcome.COMPLETED:
-            assert capability == (planned.denied or 7) - 1
-        case Outcome.TIMEOUT:
-            assert 1 <= capability < 6
-        case _:
-            assert capability is None
+    word = result["closure"] and result["closure"]["team_word"]
+    return {**{key: result[key] for key in keys}, "rulings": rulings, "word": word}
 
 
 @pytest.mark.slow
 def test_a_competition_morning(tmp_path: Path) -> None:
     teams = tmp_path / "teams.csv"
-    lines = [f"{subject},{team}\n" for subject, team in TEAMS.items()]
+    lines = [f"{subject},{team}\n" for subject, team in enumerate(TEAMS, start=1)]
     teams.write_text("".join(["subject,team\n", *lines]), encoding="utf-8")
     settings = '[competition]\nname = "Morning Cup"\nreferee = "R. Eferee"\n'
     with (
         Hall(results=tmp_path / "results", settings=settings) as hall,
         hall.console("console", f"--teams={teams}") as console,
     ):
-        referee = Referee(console)
-        referee.see("2 of 9 checks fail")
-        before: Planned | None = None
-        for planned in MORNING:
-            referee.set_up(planned, before)
-            referee.play(planned.outcome)
-            referee.decide(planned)
-            before = planned
-        referee.look_back()
+        for played in (completed_denied_and_issued_twice, aborted, given_up):
+            played(console)
+        for key, title in (("h", "2 valid, 1 INVALID"), ("s", "PRACTICE runs: not official")):
+            console.answer(key, title, "1-3 of 3")
+            for team in TEAMS:  # a long name may be cut
+                assert console.shows(f" {team[:3]}"), team
         console.press("F10")
         assert console.wait_exit() == 0
-    for planned in MORNING:
-        check_result(planned, hall.results)
-    folders = list(map(str, hall.results.glob("practice/subject_*")))
-    command = [*MADROB, "score", "--json", *folders]
+    folders = sorted(hall.results.glob("practice/subject_*"))
+    results = [result_of(folder) for folder in folders]
+    usual = {"source": "simulated", "condition_number": 1, "run_number": 1, "issue": 1}
+    usual |= {"rulings": [], "word": None}
+    assert [told(result) for result in results] == [
+        usual
+        | {"team": TEAMS[0], "outcome": "completed", "issue": 2}
+        | {"rulings": [(4, False)], "word": TeamWord.ACKNOWLEDGED},
+        usual | {"team": TEAMS[1], "outcome": "aborted"},
+        usual
+        | {"team": TEAMS[2], "outcome": "timeout", "condition_number": 6, "word": TeamWord.ABSENT},
+    ]
+    levels = [result["indicators"]["capability_level"]["value"] for result in results]
+    assert (levels[:2], 1 <= levels[2] < 6) == ([3, None], True)
+    (before,) = folders[0].glob("result_issue_*.json")
+    assert result_of(folders[0])["issue"] == json.loads(before.read_bytes())["issue"] + 1
+    command = [*MADROB, "score", "--json", *map(str, folders)]
     scored = json.loads(subprocess.check_output(command, cwd=ROOT, timeout=300))["runs"]
-    assert len(scored) == len(MORNING)
-    for run in scored:  # the recordings score to what the console showed
-        shown = result_of(Path(run["path"]))
+    for run, result in zip(scored, results, strict=True):  # the recordings score to what was shown
         for part in ("outcome", "indicators", "steps", "events", "quality"):
-            assert run[part] == shown[part], (run["path"], part)
+            assert run[part] == result[part], (run["path"], part)
 
 
 def test_r_replays_the_run_at_the_instant_of_its_protest_and_comes_back(tmp_path: Path) -> None:
