@@ -428,7 +428,6 @@ with Peer(int(os.environ["ROS_DOMAIN_ID"])) as peer:
         print(time.time(), flush=True)  # the engine has it
         count += 1
 """
-TESTBED = ["-m", "madrob_console.cli.main", "testbed", "--scenario", "nominal", "--repeat", "0"]
 
 
 def clock_behind(engine: EngineProcess, duration: float) -> float:
@@ -450,14 +449,13 @@ def test_4_mb_five_times_a_second_delay_neither_clock_nor_abort_and_are_recorded
 ) -> None:
     states = peer.listen(REFEREE_STATE_TOPIC, STRING, KEPT)
     published = tmp_path / "published"
-    killed = signal.SIGKILL
     with (
-        program(tmp_path / "testbed", *TESTBED, ending=killed),
+        madrob_beside("testbed", "--scenario=nominal", "--repeat=0", output=tmp_path / "testbed"),
         EngineProcess(tmp_path / "runs", None) as engine,
         Stutter() as stutter,
     ):
         engine.wait_for(lambda s: all(t.rate for t in s.topics if not t.optional))
-        with program(published, "-c", PUBLISH, ending=killed):
+        with program(published, "-c", PUBLISH, ending=signal.SIGKILL):
             engine.wait_for(lambda s: any("bytes, not read above" in line for line in s.all_faults))
             engine.start(make_setup(countdown=1.0), waived=(CheckName.TOPICS,))
             behind = clock_behind(engine, WATCHED)
