@@ -296,23 +296,26 @@ _AGAIN = (" is left out: ", "Refused: ")
 class Console(Terminal):
     """The screens, and what a referee does before them."""
 
-    def answer(self, key: str, *texts: str) -> None:
-        """Press a key until all of `texts` are on the screen.
+    def answer(self, key: str, *texts: str, later: tuple[str, ...] = ()) -> None:
+        """Press a key until all of `texts` are on the screen, or what comes `later`.
 
         A key that comes before a person could have read what is new is left out, and on a busy
         machine the testbed is silent for a moment: both are said, and who reads it presses again.
         """
+        first, *others = texts
         for _ in range(5):
             before = self._refusals()
             self.press(key)
 
             def said(before: set[str] = before) -> str:
-                return self.shows(texts[0]) or "".join(self._refusals() - before)
+                return self.shows(first, *later) or "".join(self._refusals() - before)
 
-            if self.wait_until(said, repr(texts[0]), STARTING) == texts[0]:
+            if self.wait_until(said, repr(first), STARTING) in (first, *later):
                 break
             time.sleep(READING)
-        for text in texts:
+        else:
+            raise AssertionError(f"{key} was refused again and again:\n{self.screen()}")
+        for text in others:
             self.wait_for(text, timeout=STARTING)
 
     def _refusals(self) -> set[str]:
@@ -328,9 +331,9 @@ class Console(Terminal):
         self.answer("F6", "all passed or waived")
 
     def start_a_run(self) -> None:
-        """From there to a countdown."""
+        """From there to a countdown, which a busy machine may not draw."""
         self.make_ready()
-        self.answer("F5", "COUNTDOWN")
+        self.answer("F5", "COUNTDOWN", later=("RUNNING", "COMPLETED"))
 
 
 class Hall(Closing):
@@ -401,14 +404,7 @@ class Hall(Closing):
         return killed
 
     def wait_for_running(self) -> Path:
-        """The folder of the run that goes on."""
-
-        def running() -> list[Path]:
-            return [
-                folder
-                for folder in sorted(self.results.glob("practice/subject_*"))
-                if any(line.what == Change.RUN_STARTS for line in journal_of(folder))
-                and not (folder / "result.json").exists()
-            ]
-
-        return until(running, STARTING)[0]
+        """The folder of the newest run, once it goes on."""
+        folder = max(self.results.glob("practice/subject_*"))
+        until(lambda: any(line.what == Change.RUN_STARTS for line in journal_of(folder)), STARTING)
+        return folder

@@ -58,8 +58,7 @@ def set_up_next(console: Console, subject: int) -> None:
 
 
 def start(console: Console) -> None:
-    console.answer("F5", "COUNTDOWN")
-    console.wait_for("RUNNING", timeout=STARTING)
+    console.answer("F5", "RUNNING")
 
 
 def completed_denied_and_issued_twice(console: Console) -> None:
