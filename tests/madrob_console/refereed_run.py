@@ -344,12 +344,12 @@ def _not_as_answered(results: Path, notes: Notes, ended: float) -> Iterator[str]
             asked_for.setdefault((asked.act, asked.run_number), []).append(asked)
     for (act, run_number), asked_often in asked_for.items():
         entries = _journal(results, run_number)
-        found = sum(act_of(e) == act for e in entries)
-        effective = min(found, _begun(entries)) if isinstance(act, Start) else found
+        count = sum(act_of(e) == act for e in entries)
+        effective = min(count, _begun(entries)) if isinstance(act, Start) else count
         least, most = map(sum, zip(*(one.lines(ended) for one in asked_often), strict=True))
-        if found < least or effective > most:
+        if count < least or effective > most:
             answers = [one.answer for one in asked_often]
-            yield f"{act}: {answers}, and stands {found} times in the journal"
+            yield f"{act}: {answers}, and stands {count} times in the journal"
 
 
 def _begun(entries: Sequence[Entry]) -> int:

@@ -35,11 +35,11 @@ def sign(console: Console, word: TeamWord) -> None:
     The testbed goes by the clock of this machine: where that is busy its stamps jitter, and the
     result is doubted. A referee reads that, and signs it as it is.
     """
-    doubted, asked = "Sign it all the same?", "What does the team say?"
+    doubted, question = "Sign it all the same?", "What does the team say?"
     console.answer("Enter", "What do you want to do")
     console.answer("f", "Sign the result")
-    if console.wait_for(doubted, asked, timeout=STARTING) == doubted:
-        console.answer("y", asked)
+    if console.wait_for(doubted, question, timeout=STARTING) == doubted:
+        console.answer("y", question)
     console.answer(WORDS[word], "Note (Enter for none):")
     console.answer("Enter", f"signed by R. Eferee, {word.words}")
 
@@ -92,7 +92,7 @@ def given_up(console: Console) -> None:
     sign(console, TeamWord.ABSENT)
 
 
-def told(result: dict[str, Any]) -> dict[str, object]:
+def outline(result: dict[str, Any]) -> dict[str, object]:
     """What the morning made of a run."""
     keys = ("team", "source", "condition_number", "run_number", "outcome", "issue")
     rulings = [(ruling["step"], ruling["confirmed"]) for ruling in result["rulings"]]
@@ -122,7 +122,7 @@ def test_a_competition_morning(tmp_path: Path) -> None:
     results = [result_of(folder) for folder in folders]
     usual = {"source": "simulated", "condition_number": 1, "run_number": 1, "issue": 1}
     usual |= {"rulings": [], "word": None}
-    assert [told(result) for result in results] == [
+    assert [outline(result) for result in results] == [
         usual
         | {"team": TEAMS[0], "outcome": "completed", "issue": 2}
         | {"rulings": [(4, False)], "word": TeamWord.ACKNOWLEDGED},
