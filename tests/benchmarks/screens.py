@@ -22,11 +22,11 @@ MOST = 3
 
 BARE = (sys.executable, "-m", "tests.benchmarks.bare_app")
 WIDGETS = (*BARE, "--widgets")
-OURS = (sys.executable, "-m", "tests.madrob_console.ui.fake_engine", "--running")
+OURS = (sys.executable, "-m", "tests.madrob_console.ui.inline_engine", "--running")
 TEXTUAL_S = """
 import runpy, sys
 sys.modules["madrob_console.ui.cells.compositor"] = None
-runpy.run_module("tests.madrob_console.ui.fake_engine", run_name="__main__")
+runpy.run_module("tests.madrob_console.ui.inline_engine", run_name="__main__")
 """
 """Our screens by Textual's compositor."""
 OTHER_COMPOSITOR = (sys.executable, "-c", TEXTUAL_S, "--running")

@@ -18,7 +18,7 @@ from madrob_console.config.tables import PlanSettings
 from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.lists import TeamList
 from tests.madrob_console.cli.typed import Madrob
-from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.madrob_console.ui.inline_engine import HandEngine
 
 RUN = "run --testbed simulated --countdown 1 --no-report --speed 0 --subject 3 --results"
 
@@ -114,11 +114,10 @@ def test_the_engine_that_a_console_starts_has_what_was_given(
 def test_a_console_brings_no_other_list_to_an_engine_that_runs(
     option: str, there: str, tmp_path: Path
 ) -> None:
-    engine, file = FakeEngine(), tmp_path / "cup.csv"
+    engine, file = HandEngine(), tmp_path / "cup.csv"
     arguments = typed("console", f"--{option}={file}")
     with pytest.raises(MadrobError, match=f"--{option} {file}: the engine that runs has {there};"):
         check_lists(engine, arguments, SETTINGS)
     assert engine.closed
-    engine.teams = replace(TeamList({}), file=str(file))
-    engine.plan = replace(Plan(), file=str(file))
+    engine.put(teams=replace(TeamList({}), file=str(file)), plan=replace(Plan(), file=str(file)))
     check_lists(engine, arguments, SETTINGS)

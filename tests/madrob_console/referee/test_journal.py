@@ -56,7 +56,7 @@ from scoring.procedure import Ruling, StepRecord, follow_procedure
 from scoring.protocol import EventName, LockDetection, Outcome, Signal, Step
 from scoring.quality import Quality, SignalQuality
 from tests.madrob_console.referee.test_acts import SETUP
-from tests.madrob_console.ui.fake_engine import a_setup
+from tests.madrob_console.ui.prepared import a_setup
 
 texts = st.text(max_size=40)
 entries = st.builds(

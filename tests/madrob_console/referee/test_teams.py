@@ -18,7 +18,7 @@ from madrob_console.referee.lists import (
     merge_teams,
     read_teams,
 )
-from tests.madrob_console.ui.fake_engine import a_setup
+from tests.madrob_console.ui.prepared import a_setup
 
 
 @pytest.fixture

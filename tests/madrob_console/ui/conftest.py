@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.madrob_console.ui.driver import SMALL, Driver, driving
-from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.madrob_console.ui.inline_engine import HandEngine
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -41,9 +41,9 @@ def _clock_of_the_screens(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.fixture
-def engine() -> FakeEngine:
-    """An engine with a testbed at rest."""
-    return FakeEngine()
+def engine() -> HandEngine:
+    """An engine with a testbed at rest; `driving` ends it."""
+    return HandEngine()
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def size() -> tuple[int, int]:
 
 
 @pytest.fixture
-def driver(engine: FakeEngine, size: tuple[int, int], runner: asyncio.Runner) -> Iterator[Driver]:
+def driver(engine: HandEngine, size: tuple[int, int], runner: asyncio.Runner) -> Iterator[Driver]:
     """The console on the engine."""
     console = driving(engine, size)
     yield runner.run(console.__aenter__())

@@ -9,7 +9,6 @@ import shlex
 from base64 import b64decode
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
-from copy import copy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -45,7 +44,7 @@ from madrob_console.ui.link import ConsoleDefaults, OpenClient
 from madrob_console.ui.panes.runs_pane import RunsPane
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.run_folders import write
-from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.madrob_console.ui.inline_engine import HandEngine
 
 SMALL = (80, 24)
 LARGE = (120, 36)
@@ -167,7 +166,7 @@ class Driver(Shown):
     """The console under test."""
 
     app: MadrobApp
-    engine: FakeEngine
+    engine: HandEngine
     hand: Hand = field(default_factory=Hand)
     seconds: list[float] = field(default_factory=lambda: [0.0])
     """The time of the screens."""
@@ -221,9 +220,7 @@ class Driver(Shown):
             await asyncio.sleep(0.001)
             await super().drawn()
 
-    async def finish(
-        self, outcome: Outcome = Outcome.COMPLETED, reason: str = "step 6 is done"
-    ) -> None:
+    async def finish(self, outcome: Outcome = Outcome.COMPLETED, reason: str = "gave up") -> None:
         """The run ends by itself."""
         self.engine.finish(outcome, reason)
         await self.settle()
@@ -231,7 +228,6 @@ class Driver(Shown):
     async def complete(self, outcome: Outcome = Outcome.COMPLETED) -> None:
         """A run goes on, does all its steps and ends."""
         await self.run()
-        await self.do_steps(*Step)
         await self.finish(outcome, "because")
 
     async def do_steps(self, *steps: Step) -> None:
@@ -242,7 +238,7 @@ class Driver(Shown):
 
 @asynccontextmanager
 async def driving(
-    engine: FakeEngine,
+    engine: HandEngine,
     size: tuple[int, int] = SMALL,
     defaults: ConsoleDefaults = DEFAULTS,
     *,
@@ -282,6 +278,7 @@ async def driving(
             if find is None:
                 await driver.answered()
             yield driver
+        engine.end()
 
 
 class PaneScreen(Screen[None]):
@@ -374,16 +371,14 @@ def opened(size: tuple[int, int] = SMALL, **screens: object) -> Opening:
     return Opening((size,), screens=screens)
 
 
-async def play(engine: Callable[[], FakeEngine], story: Story) -> None:
+async def play(engine: Callable[..., HandEngine], story: Story) -> None:
     """Play a story on the console, in each of its sizes, on a new engine."""
     openings = [row[0] for row in story if isinstance(row[0], Opening)]
     sizes = next((one.sizes for one in openings if one.sizes != (SMALL,)), (SMALL,))
     screens = {name: value for one in openings for name, value in one.screens.items()}
     for size in sizes:
-        made = engine()
-        for one in openings:
-            set_values(made, one.engine)
-        async with driving(made, size, **screens) as driver:
+        values = {name: value for one in openings for name, value in one.engine.items()}
+        async with driving(engine(**values), size, **screens) as driver:
             await follow(driver, story)
 
 
@@ -433,25 +428,19 @@ def reads(screen: str, words: str) -> bool:
     return words in screen or " ".join(words.split()) in " ".join(screen.replace("│", " ").split())
 
 
-def set_values(engine: FakeEngine, values: Mapping[str, object]) -> None:
-    for name, value in values.items():
-        assert hasattr(engine, name)
-        setattr(engine, name, copy(value))  # an engine changes its own
-
-
 # What is done in a story.
 
 
 def sets(**values: object) -> Callable[[Driver], object]:
     """The engine has these values, which the screen does not know yet."""
-    return lambda driver: set_values(driver.engine, values)
+    return lambda driver: driver.engine.put(**values)
 
 
 def has(**values: object) -> Callable[[Driver], object]:
     """The engine has these values, and the screen has looked."""
 
     async def look(driver: Driver) -> None:
-        set_values(driver.engine, values)
+        driver.engine.put(**values)
         await driver.settle()
 
     return look
@@ -469,11 +458,6 @@ def resized(width: int, height: int) -> Callable[[Any], object]:
 
 def engine_does(deed: Callable[..., object], *values: object) -> Callable[[Driver], object]:
     return lambda driver: deed(driver.engine, *values)
-
-
-def runs_with(**values: Any) -> Callable[[Driver], object]:  # noqa: ANN401
-    """The engine's run has these."""
-    return lambda driver: setattr(driver.engine, "run", replace(driver.engine.run, **values))
 
 
 def pages(*words: str) -> Callable[[Shown], object]:

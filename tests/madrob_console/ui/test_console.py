@@ -28,6 +28,7 @@ from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF, KEYS, with_caps
 from madrob_console.ui.keys.questions import NO_REASON
 from madrob_console.ui.link import LOOKING_PERIOD
+from scoring.protocol import Step
 from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import (
     DEFAULTS,
@@ -38,6 +39,7 @@ from tests.madrob_console.ui.driver import (
     ages,
     answered,
     driving,
+    engine_does,
     engine_has,
     follow,
     has,
@@ -58,7 +60,7 @@ from tests.madrob_console.ui.driver import (
     types_every,
     waits,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.madrob_console.ui.inline_engine import HandEngine
 from tests.slowly import slow_but_for
 
 PHASES = {
@@ -89,13 +91,14 @@ async def bring(driver: Driver, phase: Phase) -> None:
 @pytest.mark.parametrize("phase", slow_but_for(Phase, Phase.RUNNING))
 @pytest.mark.parametrize("size", [LARGE])
 async def test_from_every_state_every_key_acts_asks_or_says_why_not(
-    driver: Driver, engine: FakeEngine, phase: Phase
+    driver: Driver, engine: HandEngine, phase: Phase
 ) -> None:
     await bring(driver, phase)
     await driver.press("f3")
-    run, result, acts = engine.run, engine.result, list(engine.acts)
+    acts = list(engine.acts)
+    engine.instead = engine.would_refuse
     for key in ACTS:
-        engine.run, engine.result, engine.acts = run, result, list(acts)
+        engine.acts = list(acts)
         engine.exported.clear()
         engine.dossiers.clear()
         driver.console.say("")
@@ -137,7 +140,7 @@ async def test_the_bell_rings_on_start_stop_and_fault_and_not_when_it_is_off(
         *((has(pulse=Pulse(disk=silent)),) for silent in (1, 2)),
         (Driver.finish, rings(4)),
     ]
-    await play(FakeEngine, story)
+    await play(HandEngine, story)
 
 
 async def test_an_answer_that_comes_with_the_end_of_patience_is_what_is_said(
@@ -154,7 +157,7 @@ async def test_an_answer_that_comes_with_the_end_of_patience_is_what_is_said(
 
 
 async def test_the_screen_says_what_it_waits_for_until_the_engine_is_there(
-    engine: FakeEngine,
+    engine: HandEngine,
 ) -> None:
     ready = threading.Event()
 
@@ -321,8 +324,8 @@ STORIES: Stories = {
         (waits("i", "Which?"),),
         ("c",),
         (waits("", says("working ..., the keys go on")),),
-        (lambda d: d.engine.say("the door opens"),),
-        (Driver.look_thrice, "the door opens"),
+        (engine_does(HandEngine.do_step, Step.OPEN),),
+        (Driver.look_thrice, "sensor  door opens"),
         (waits("i", "Which?"),),
         (waits("c", says("the one before is not answered yet")),),
         (waits("f8", "ABORT the run"), last_act("start")),
@@ -372,7 +375,7 @@ STORIES: Stories = {
         ("ctrl+r", says("the engine has not ended")),
         (has(failure=GONE, follower=MadrobError("no testbed on ROS domain 7")),),
         (answered("ctrl+r"), says("no testbed on ROS domain 7")),
-        (sets(follower=FakeEngine(label="SIMULATED slow")),),
+        (sets(follower=HandEngine(label="SIMULATED slow")),),
         (
             answered("ctrl+r"),
             says_only("The engine is there again."),
@@ -390,7 +393,7 @@ STORIES: Stories = {
             ("", engine_has(looked_for=4, started=1)),
             ("ctrl+r", says(FINDS_BY_ITSELF if watches else "")),
             (answered(),),
-            (sets(follower=FakeEngine(label="SIMULATED slow", right=RightToAct(role))),),
+            (sets(follower=HandEngine(label="SIMULATED slow", right=RightToAct(role))),),
             (ages(LOOKING_PERIOD),),
             (answered(), engine_has(closed=True)),
             ("", top(" ~~ SIMULATED slow")),
@@ -642,7 +645,7 @@ STORIES: Stories = {
 
 @pytest.mark.parametrize("story", STORIES)
 async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
-    await play(FakeEngine, STORIES[story])
+    await play(HandEngine, STORIES[story])
 
 
 async def test_every_screen_of_a_rehearsal_says_so() -> None:
@@ -660,4 +663,4 @@ async def test_every_screen_of_a_rehearsal_says_so() -> None:
         *((key, named) for key in ("f4", "f1", "h", "p", "s")),
         (resized(50, 12), "REHEARSAL"),
     ]
-    await play(FakeEngine, story)
+    await play(HandEngine, story)

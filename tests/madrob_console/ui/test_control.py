@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import os
-import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from contextlib import AsyncExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,83 +16,27 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from textual import events
 
-from madrob_console.archive.history import History
 from madrob_console.archive.run_journal import Unfinished
-from madrob_console.common.errors import MadrobError
 from madrob_console.engine.ipc.wire import EngineClient
-from madrob_console.engine.priority_queue import PriorityQueue
-from madrob_console.engine.requests import Request, T, TakeOver
-from madrob_console.engine.runtime.engine_thread import LocalEngine
-from madrob_console.engine.snapshot import RightToAct, Snapshot
+from madrob_console.engine.snapshot import RightToAct
 from madrob_console.referee import run as runs
 from madrob_console.referee.acts import Abort, Start
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.type_ahead import TypeAhead
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
-from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.ui.driver import DEFAULTS, Hand, Shown
+from tests.madrob_console.ui.inline_engine import InlineEngine
 
 MOST_ESCAPES = 8
 
 
-class InlineEngine(LocalEngine):
-    """A real engine in virtual time, without its thread, whose link can be lost."""
-
-    def __init__(self, drive: Drive) -> None:
-        self.drive = drive
-        self.lost = False
-        self.right = RightToAct()
-        self.unfinished: tuple[Unfinished, ...] = ()
-        self._engine = drive.engine
-        self._fallen = lambda: None
-        self._reporting = no_reporting(drive.engine.config.results)
-        self._turns = PriorityQueue()
-        self._begun = set()
-        self._history = History(drive.engine.config.results)
-        self._stop = threading.Event()
-        self._failure = None
-        self._writing = ("", 0.0)
-        self._stepped = time.monotonic()
-        self._look()
-
-    def let_pass(self, duration: float) -> None:
-        for _ in range(max(1, round(duration / STEP))):
-            self._engine.step(STEP)
-            for turn in self._turns.waiting():
-                self._take(turn)
-        self._look()
-
-    def snapshot(self) -> Snapshot:
-        if self.lost:
-            raise MadrobError("the engine has ended")
-        self._stepped = time.monotonic()
-        shown = super().snapshot()
-        return replace(shown, right=self.right, unfinished=self.unfinished)
-
-    def begin_request(self, request: Request[T], *args: Any, **named: Any) -> Future[T]:  # noqa: ANN401
-        answer: Future[T] = Future()
-        if self.lost:
-            answer.set_exception(MadrobError("the engine has ended"))
-            return answer
-        if isinstance(request, TakeOver):
-            self.right = RightToAct()
-        answer = super().begin_request(request, *args, **named)
-        for _ in range(50):
-            if answer.done():
-                break
-            self.let_pass(STEP)
-        return answer
-
-    def close(self) -> None:
-        """The engine goes on."""
-
-
 @dataclass
 class Control(Shown):
-    """A referee's console on such an engine."""
+    """A referee's console on a real engine."""
 
     app: MadrobApp
+    drive: Drive
     engine: InlineEngine
     hand: Hand
     seconds: list[float]
@@ -107,11 +48,11 @@ class Control(Shown):
 
     @property
     def run(self) -> runs.Run:
-        return self.engine.drive.engine.run
+        return self.engine.run
 
     async def let_pass(self, duration: float) -> None:
         """The engine goes on, and the screens look at it."""
-        self.engine.let_pass(duration)
+        self.engine.tick(duration, STEP)
         self.hand.now += duration
         self.seconds[0] += duration
         await self.drawn()
@@ -128,8 +69,8 @@ class Control(Shown):
 
     def begin_run(self, *, counting_down: bool) -> None:
         """A run goes on, or is about to; another console may have started it."""
-        drive, self.engine.lost = self.engine.drive, False
-        self.engine.right = RightToAct()
+        drive = self.drive
+        self.engine.put(failure=None, right=RightToAct())
         if self.run.active:
             drive.act(Abort("the test before"))
         drive.wait_until(lambda: not drive.engine.busy)
@@ -137,7 +78,7 @@ class Control(Shown):
         drive.act(Start())
         if not counting_down:
             drive.wait_until(lambda: self.run.phase is runs.Phase.RUNNING)
-        self.engine.let_pass(STEP)
+        self.engine.tick(STEP)
 
     async def send(self, *events: events.Event) -> None:
         """The same as the terminal tells."""
@@ -232,12 +173,14 @@ def passes(duration: float) -> Deed:
     return deed
 
 
+LOST = "the engine has ended"
+
+
 def sets(**values: Any) -> Deed:  # noqa: ANN401
     """The engine is lost or comes back; another console takes the right; a question opens."""
 
     async def deed(control: Control) -> None:
-        for name, value in values.items():
-            setattr(control.engine, name, value)
+        control.engine.put(**values)
         await control.let_pass(STEP)
 
     return deed
@@ -275,7 +218,7 @@ DEEDS = st.one_of(
     st.builds(focuses, st.booleans()),
     st.builds(resizes, st.sampled_from(SIZES)),
     st.builds(passes, st.sampled_from([STEP, 0.3, 1.0, 3.0])),
-    st.builds(lambda lost: sets(lost=lost), st.booleans()),
+    st.builds(lambda why: sets(failure=why), st.sampled_from([None, LOST])),
     st.builds(
         lambda holder, free: sets(right=RightToAct(holder=holder, free=free)),
         st.sampled_from(["", "bo@tent"]),
@@ -313,7 +256,7 @@ class Halls:
     async def _open(self) -> Control:
         drive = Drive(self._folder / str(len(self._drives)))
         self._drives.append(drive)
-        engine, hand, seconds = InlineEngine(drive), Hand(0.1), [0.0]
+        engine, hand, seconds = InlineEngine(drive.engine), Hand(0.1), [0.0]
 
         def find(*_may_start: bool) -> EngineClient:
             engine.snapshot()  # there is none while it is lost
@@ -329,7 +272,7 @@ class Halls:
         )
         self._stack = AsyncExitStack()
         pilot = await self._stack.enter_async_context(app.run_test(size=(80, 24)))
-        control = Control(app, pilot, engine, hand, seconds)
+        control = Control(app, pilot, drive, engine, hand, seconds)
         await control.settle()
         return control
 
@@ -349,7 +292,7 @@ class Halls:
             await deed(control)
             if not control.app.is_running:
                 return  # the referee has left
-        control.engine.lost = False
+        control.engine.put(failure=None)
         await control.let_pass(3.0)  # a console finds its engine by itself
         await control.settle()
         await control.let_pass(STEP)
@@ -398,7 +341,7 @@ def test_a_console_that_is_left_without_an_engine_ends_in_no_error(
     halls: Halls, keys: list[str]
 ) -> None:
     for _ in range(5):  # what is left over depends on the moment
-        halls.play([sets(lost=True), types(keys, 1.0)], counting_down=False, gap=0.0)
+        halls.play([sets(failure=LOST), types(keys, 1.0)], counting_down=False, gap=0.0)
 
 
 @pytest.mark.slow

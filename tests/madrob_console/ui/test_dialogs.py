@@ -14,6 +14,7 @@ from madrob_console.referee.acts import (
     DeclareTimeout,
     Finalise,
     MarkIncident,
+    RestartCountdown,
     Rule,
     TakeBack,
     Void,
@@ -29,6 +30,7 @@ from tests.madrob_console.ui.driver import (
     Stories,
     Story,
     did_nothing,
+    engine_does,
     follow,
     has,
     in_sizes,
@@ -44,7 +46,8 @@ from tests.madrob_console.ui.driver import (
     setup_of,
     types_every,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine, a_setup
+from tests.madrob_console.ui.inline_engine import HandEngine
+from tests.madrob_console.ui.prepared import a_setup
 
 SLIPS = [
     "f8 f8",
@@ -73,7 +76,7 @@ SLIPS = [
 
 
 @pytest.mark.slow
-async def test_no_slip_ends_a_run(driver: Driver, engine: FakeEngine) -> None:
+async def test_no_slip_ends_a_run(driver: Driver, engine: HandEngine) -> None:
     await driver.run()
     acts = list(engine.acts)
     for keys in SLIPS:
@@ -95,8 +98,9 @@ SIGNED_SO = "1 false start UNDECIDED (handle touched)"
 WITH_A_FALSE_START: Story = [
     (Driver.set_up,),
     ("f5",),
-    (passes(6.0),),
-    (lambda d: d.engine.false_start(),),
+    (passes(5.0),),
+    (engine_does(HandEngine.touch, 0.02),),
+    (passes(1.0),),
     ("i f",),
     (Driver.finish,),
 ]
@@ -108,8 +112,8 @@ MACHINE, QUICK, SLOW = 0.0, 0.15, 1.0
 
 STAGES: Sequence[Story] = [
     [("f2 enter f3",)],
-    [("f6 f5",), (lambda d: d.engine.false_start(),)],
-    [(passes(6.0),), ("i c",)],
+    [("f6 f5",), (engine_does(HandEngine.touch),)],
+    [(engine_does(HandEngine.act, RestartCountdown()),), (passes(6.0),), ("i c",)],
     [(Driver.finish,)],
 ]
 
@@ -119,7 +123,7 @@ STAGES: Sequence[Story] = [
     ["f8", "f9", "i", "1", "enter", "enter n", "enter f", "enter u", "enter c", "enter P"],
 )
 async def test_enter_alone_does_nothing_that_cannot_be_taken_back(
-    driver: Driver, engine: FakeEngine, opens: str
+    driver: Driver, engine: HandEngine, opens: str
 ) -> None:
     for stage in STAGES:
         await follow(driver, stage)
@@ -551,4 +555,4 @@ STORIES: Stories = {
 
 @pytest.mark.parametrize("story", STORIES)
 async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
-    await play(FakeEngine, STORIES[story])
+    await play(HandEngine, STORIES[story])

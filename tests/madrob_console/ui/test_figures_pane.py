@@ -3,10 +3,11 @@ from __future__ import annotations
 import math
 import threading
 from asyncio import to_thread
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -16,17 +17,17 @@ from rich.cells import cell_len
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import Curve, Curves
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.referee.acts import Abort
 from madrob_console.ui.cells.lines import Line
 from madrob_console.ui.cells.plot import TOP, Extreme, Frame, Mark, Plot, Window
 from madrob_console.ui.look.themes import to_ascii
 from madrob_console.ui.panes.figures_pane import FIGURES, FiguresPane, Sheet
 from scoring.figure_table import Quantity
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import EventName
+from scoring.protocol import EventName, Outcome
 from scoring.result import Indicator, Uncertainty
 from tests.madrob_console.ui.driver import PANE, Alone, PaneApp, Story, follow, showing
-from tests.madrob_console.ui.fake_engine import CURVES, FakeEngine, finished, prepared
+from tests.madrob_console.ui.inline_engine import finished, measured_as, running
+from tests.madrob_console.ui.prepared import CURVES
 
 
 class Reading:
@@ -85,39 +86,36 @@ KEYS = [
 
 
 async def test_keys_turn_the_figures_and_move_and_zoom_in_time() -> None:
-    await view(Reading(CURVES), finished().snapshot(), lambda _: KEYS)
-
-
-def aborted() -> FakeEngine:
-    engine = prepared()
-    assert engine.act(Abort("a person in the doorway")) is None
-    return engine
+    await view(Reading(CURVES), finished(), lambda _: KEYS)
 
 
 @pytest.mark.parametrize(
-    ("answer", "engine", "words"),
+    ("answer", "outcome", "words"),
     [
-        (MadrobError("the engine does not answer"), finished(), "the engine does not answer"),
-        (OSError(24, "Too many open files"), finished(), "[Errno 24] Too many open files"),
-        (None, prepared(), "no result yet: the figures come with it"),
-        (Curves(3.0), finished(), "no figures: nothing was recorded"),
-        (Curves(3.0), aborted(), "no figures: the run was aborted and is invalid"),
+        (
+            MadrobError("the engine does not answer"),
+            Outcome.COMPLETED,
+            "the engine does not answer",
+        ),
+        (OSError(24, "Too many open files"), Outcome.COMPLETED, "[Errno 24] Too many open files"),
+        (None, None, "no result yet: the figures come with it"),
+        (Curves(3.0), Outcome.COMPLETED, "no figures: nothing was recorded"),
+        (Curves(3.0), Outcome.ABORTED, "no figures: the run was aborted and is invalid"),
     ],
 )
 async def test_what_cannot_be_drawn_is_said_in_words(
-    answer: Curves | Exception | None, engine: FakeEngine, words: str
+    answer: Curves | Exception | None, outcome: Outcome | None, words: str
 ) -> None:
     rows: Story = [("", titled(words)), ("plus tab left", titled(words))]
-    await view(Reading(answer), engine.snapshot(), lambda _: rows)
+    await view(Reading(answer), finished(outcome) if outcome else running(), lambda _: rows)
 
 
 async def test_the_curves_are_read_again_for_another_result_only() -> None:
-    load, engine, other = Reading(CURVES), finished(), finished()
-    other.run = replace(other.run, start=1.0)
+    load, state = Reading(CURVES), finished()
 
     def rows(pane: FiguresPane) -> Story:
-        def shows(engine: FakeEngine) -> Callable[[Alone], object]:
-            return lambda _: pane.show(engine.snapshot())
+        def shows(state: Snapshot, **run: Any) -> Callable[[Alone], object]:  # noqa: ANN401
+            return lambda _: pane.show(replace(state, run=replace(state.run, **run)))
 
         def more(times: int) -> Callable[[Alone], object]:
             return lambda _: load.asked == before + times
@@ -125,17 +123,15 @@ async def test_the_curves_are_read_again_for_another_result_only() -> None:
         before = load.asked
         return [
             ("plus", titled(end="part")),
-            (lambda _: engine.tick(1.0),),
-            (shows(engine),),
+            (shows(replace(state, time=state.time + 1.0)),),
             (Alone.settle, more(0)),
-            (lambda _: engine.score(),),
-            (shows(engine),),
+            (shows(state, issue=2),),
             (Alone.settle, more(1), titled(end="part")),  # the same run: what is looked at stays
-            (shows(other),),
+            (shows(state, start=1.0),),
             (Alone.settle, more(2), titled(end="all")),
         ]
 
-    await view(load, engine.snapshot(), rows)
+    await view(load, state, rows)
 
 
 async def test_a_late_answer_does_not_replace_a_newer_one() -> None:
@@ -154,7 +150,7 @@ async def test_a_late_answer_does_not_replace_a_newer_one() -> None:
         pane.enter()
         await shown.drawn()
         assert "reading the curves ..." in shown.text
-        pane.show(finished().snapshot())
+        pane.show(finished())
         while "figure 1" not in shown.text:
             await pilot.pause(0.01)
         held.set()
@@ -176,7 +172,7 @@ def drawn(
     window: Window = WHOLE,
     size: tuple[int, int] = (78, 19),
 ) -> list[str]:
-    sheet = Sheet(number, curves, snapshot or finished().snapshot(), window)
+    sheet = Sheet(number, curves, snapshot or finished(), window)
     return texts(sheet.lines(*size))
 
 
@@ -224,13 +220,6 @@ def test_a_figure_says_which_it_is_of_which_run_and_what_it_explains(
     assert rows[-2] == "t touch 2.25  o opening 3.22  x crossing 8.97  c closing 13.86  s"
 
 
-def with_indicators(found: Mapping[IndicatorName, Indicator]) -> Snapshot:
-    engine = finished()
-    assert engine.result is not None
-    engine.result = replace(engine.result, indicators={**engine.result.indicators, **found})
-    return engine.snapshot()
-
-
 UNSAFETY = IndicatorName.UNSAFETY_OF_DOOR_OPERATION
 DOUBTED = Indicator(1.875, "rad/s^2", None, Uncertainty(0.02, 0.04), ("a sample stepped",))
 BACK = ((9.0, EventName.MOVES_TO_CCW), (13.0, EventName.DOOR_CLOSES))
@@ -244,7 +233,7 @@ MAXIMUM = "low-passed acceleration, rad/s^2   max abs 0.6800 at 3.75 s"
         pytest.param(
             drawn(
                 1,
-                with_indicators(
+                measured_as(
                     {name: Indicator.missing(name, "door never opened") for name in IndicatorName}
                 ),
                 curves=replace(CURVES, stretches={**CURVES.stretches, Quantity.JERK: ()}),
@@ -271,7 +260,7 @@ MAXIMUM = "low-passed acceleration, rad/s^2   max abs 0.6800 at 3.75 s"
             id="a door that bounces keeps the legend short",
         ),
         pytest.param(
-            drawn(0, with_indicators({UNSAFETY: DOUBTED})),
+            drawn(0, measured_as({UNSAFETY: DOUBTED})),
             ("unsafety of door operation 1.88? +- 0.04 rad/s^2 = the maximum",),
             id="the finding has uncertainty and doubt",
         ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from textual import events
 import madrob_console.ui
 from madrob_console.common.names import terminal_safe
 from madrob_console.config.tables import ConsoleSettings
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.ui.cells.digits import digit_rows
 from madrob_console.ui.cells.lines import (
     Line,
@@ -44,7 +46,7 @@ from tests.madrob_console.ui.driver import (
     play_alone,
     showing,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine, start
+from tests.madrob_console.ui.inline_engine import HandEngine, at_rest, start
 
 UI = Path(next(iter(madrob_console.ui.__path__)))
 TEXTS = st.text() | st.text(alphabet="ab é門❤👩🏽🏴🇩🇪₂█─\u200d\ufe0f\u0301\U000e0067")
@@ -136,7 +138,7 @@ async def test_on_no_screen_is_anything_but_ascii() -> None:
         (Driver.finish,),
         *((key, is_ascii) for key in ("f4", "f1", "h", "s", "g", "ctrl+p")),
     ]
-    await play(FakeEngine, story)
+    await play(HandEngine, story)
 
 
 @pytest.mark.parametrize("ascii_only", [False, True])
@@ -200,35 +202,35 @@ def test_a_scale_clips_at_its_ends() -> None:
 FAULT = "/madrob/passage/cw_left: no message for 2.3 s, the publisher is gone"
 
 
-def started(duration: float) -> FakeEngine:
-    """So long after the key, s; a countdown takes 5 s."""
-    return start(FakeEngine(), duration)
-
-
-def running() -> FakeEngine:
-    engine = started(16.2)
-    engine.do_step(Step.TOUCH)
-    return engine
-
-
-def changed(engine: FakeEngine, change: Callable[[FakeEngine], object]) -> FakeEngine:
-    change(engine)
-    return engine
-
-
 FAULTS = (FAULT, "recorder: 3 messages dropped")
-STATES = {
-    "idle": FakeEngine(),
-    "counting": started(1.2),
-    "running": running(),
-    "failing": changed(running(), lambda engine: setattr(engine, "faults", FAULTS)),
-    "false started": changed(started(1.2), FakeEngine.false_start),
-    "stopped": changed(running(), lambda engine: engine.finish(Outcome.TIMEOUT)),
-}
+
+
+@cache
+def state_of(name: str) -> Snapshot:
+    if name == "idle":
+        return at_rest()
+    early = name in {"counting", "false started"}
+    engine = start(HandEngine(), 1.2 if early else 16.2)  # the countdown takes 5 s
+    match name:
+        case "false started":
+            engine.touch()
+        case "running" | "failing" | "stopped":
+            engine.do_step(Step.TOUCH)
+    match name:
+        case "failing":
+            engine.put(faults=FAULTS)
+        case "stopped":
+            engine.stop(Outcome.TIMEOUT)
+    state = engine.snapshot()
+    engine.end()
+    return state
+
+
+STATES = ("idle", "counting", "running", "failing", "false started", "stopped")
 
 
 def drawn(state: str, width: int) -> list[str]:
-    return plain(tiny_lines(STATES[state].snapshot(), width)).splitlines()
+    return plain(tiny_lines(state_of(state), width)).splitlines()
 
 
 @pytest.mark.parametrize("width", [10, 14, 30, 59, 200])

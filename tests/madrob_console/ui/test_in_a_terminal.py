@@ -22,12 +22,13 @@ from madrob_console.ui.terminal import check_terminal
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.served import Served, simulated, start
 from tests.madrob_console.ui.driver import DEFAULTS, Shown
-from tests.madrob_console.ui.fake_engine import FOLDER
-from tests.terminal import Terminal, Tmux
+from tests.madrob_console.ui.inline_engine import FOLDER
+from tests.terminal import Terminal
+from tests.tmux import Tmux
 from tests.watching import until
 
 ROOT = Path(__file__).parents[3]
-PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.fake_engine"]
+PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.inline_engine"]
 CONSOLE = [*PROGRAM, "--running"]
 F10 = "\x1b[21~"
 LAST_KEY = "F1 more"

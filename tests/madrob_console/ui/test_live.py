@@ -21,13 +21,12 @@ from madrob_console.engine.snapshot import (
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,
+    AddNote,
     MarkIncident,
     RestartCountdown,
 )
-from madrob_console.referee.checks import Freshness
 from madrob_console.referee.evidence_account import EvidenceGap, EvidenceLoss
 from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
-from madrob_console.referee.journal import Origin
 from madrob_console.referee.records import IncidentKind
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.cells.digits import digit_rows
@@ -39,7 +38,7 @@ from madrob_console.ui.panes.run_status import EvidenceLine, clock_span, step_li
 from madrob_console.ui.wall import run_page
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling, StepRecord
-from scoring.protocol import Condition, Side, Step
+from scoring.protocol import Condition, EventName, Side, Signal, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
@@ -70,21 +69,20 @@ from tests.madrob_console.ui.driver import (
     sets,
     types_every,
 )
-from tests.madrob_console.ui.fake_engine import EPOCH, FakeEngine, prepared
+from tests.madrob_console.ui.inline_engine import EPOCH, HandEngine, at_rest, start
 
 SIZES = pytest.mark.parametrize("size", [SMALL, LARGE])
 
 
-async def test_no_column_touches_or_cuts_the_next(driver: Driver, engine: FakeEngine) -> None:
+async def test_no_column_touches_or_cuts_the_next(driver: Driver, engine: HandEngine) -> None:
     await driver.run()
-    seen = engine.steps[0]
-    engine.do_step(Step.TOUCH)
+    seen, now = engine.snapshot().steps, engine.now
     long = "denied by the referee: the robot's arm was pushed, as the video shows"
-    denied = Ruling(Step.TOUCH, False, engine.now, "brushed", "Ada")
-    first = replace(seen, sensors=engine.now + 122.456, referee=denied, reason=long)
-    others = (replace(record, reason=long) for record in engine.steps[2:])
-    done = replace(engine.steps[1], final=engine.now + 122.456, referee=denied)
-    engine.steps = (first, done, *others)
+    denied = Ruling(Step.TOUCH, False, now, "brushed", "Ada")
+    first = replace(seen[0], sensors=now + 122.456, referee=denied, reason=long)
+    others = (replace(record, reason=long) for record in seen[2:])
+    done = replace(seen[1], final=now + 122.456, referee=denied)
+    engine.put(steps=(first, done, *others))
     for width in (60, 64, 70, 80, 90, 100, 110, 130, 160, 200):
         await driver.pilot.resize_terminal(width, 27)
         await driver.settle()
@@ -124,7 +122,7 @@ async def test_the_live_pane_has_every_fault_with_all_its_words(driver: Driver) 
 
 
 def drawn(evidence: EvidenceState | None, width: int = 200) -> str:
-    snapshot: Snapshot = FakeEngine().snapshot()
+    snapshot = at_rest()
     run = replace(snapshot.run, start=0.0)
     snapshot = replace(snapshot, run=run, evidence=evidence)
     rows = EvidenceLine().draw_lines(snapshot, width)
@@ -201,9 +199,9 @@ def chart(snapshot: Snapshot, width: int = 90, height: int = 14) -> tuple[list[s
     return [GUTTER.sub("", row) for row in rows if GUTTER.match(row)], rows[-2:]
 
 
-def moving() -> FakeEngine:
+def moving() -> HandEngine:
     """A run goes on, in which the door swings and the handle is pulled."""
-    engine = prepared()
+    engine = start(HandEngine(), 19.0)
     engine.move(25.0, lambda at: 0.5 + 0.4 * math.sin(at), lambda at: 9 * math.sin(6 * at))
     return engine
 
@@ -221,32 +219,41 @@ def test_the_course_of_the_last_20_s_is_drawn_up_to_now() -> None:
     assert end - SPAN - 1 <= labels[0] < labels[-1] - SPAN / 2 <= end - SPAN / 2
 
 
+LETTERED = {
+    EventName.HANDLE_IS_TOUCHED,
+    EventName.DOOR_OPENS,
+    EventName.MOVES_TO_CW,
+    EventName.DOOR_CLOSES,
+}
+
+
 def test_events_stand_as_letters_at_their_times_on_the_axis_of_both_plots() -> None:
-    engine = prepared()
+    engine = start(HandEngine(), 19.0)
     for step in (Step.TOUCH, Step.OPEN, Step.CROSS, Step.CLOSE):
-        engine.move(3.0, lambda _: 0.4, lambda _: 5.0)
+        engine.tick(3.0)
         engine.do_step(step)
     snapshot = engine.snapshot()
     plots, (axis, _) = chart(snapshot)
     letters = {char: x for x, char in enumerate(axis[-len(plots[0]) :]) if char.isalpha()}
     assert [*letters] == ["t", "o", "x", "c"]
     end = math.ceil(snapshot.elapsed or 0.0) + (snapshot.run.start or 0.0)
-    for column, event in zip(letters.values(), snapshot.events, strict=True):
+    events = [event for event in snapshot.events if event.name in LETTERED]
+    for column, event in zip(letters.values(), events, strict=True):
         assert abs(column - (1 - (end - event.time) / (SPAN + 1)) * len(plots[0])) <= 1
         assert any(row[column] == "┊" for row in plots)
 
 
 def test_what_was_lost_or_stale_is_a_gap_in_the_course() -> None:
     engine = moving()
-    engine.freshness = Freshness.LOST
+    engine.put(silent=list(Signal))
     engine.move(5.0, lambda _: 0.5, lambda _: 0.0)
     lost, _ = chart(engine.snapshot())
-    engine.freshness = Freshness.FRESH
+    engine.put(silent=())
     engine.move(5.0, lambda _: 0.5, lambda _: 0.0)
     back, _ = chart(engine.snapshot())
     columns = len(lost[0])
-    for rows, start, end in ((lost, 16.2, 21.0), (back, 11.2, 15.8)):
-        missing = range(math.ceil(start / 21 * columns), math.floor(end / 21 * columns))
+    for rows, begin, end in ((lost, 16.2, 21.0), (back, 11.2, 15.8)):
+        missing = range(math.ceil(begin / 21 * columns), math.floor(end / 21 * columns))
         assert not any(CURVE.match(row[x]) for row in rows for x in missing)
     assert CURVE.search("".join(row[-columns // 5 :] for row in back))
 
@@ -263,16 +270,15 @@ def test_the_thresholds_in_use_are_drawn() -> None:
 
 
 def test_a_small_terminal_has_the_course_of_each_in_one_row() -> None:
-    engine = prepared()
+    engine = start(HandEngine(), 19.0)
     engine.move(10.0, lambda _: 0.0, lambda _: 0.0)
     engine.move(5.0, lambda _: 1.5, lambda _: 30.0)
-    engine.maximum, engine.freshness = 30.0, Freshness.LOST
+    engine.put(silent=list(Signal))
     engine.tick(4.0)
     snapshot = engine.snapshot()
     for gauge in (DoorGauge, HandleGauge):
         (*_, course) = gauge().draw_lines(snapshot, 39)
-        bars = "".join(span.text for span in course if set(span.text) <= {*" ▁▇█"})
-        assert re.fullmatch(" *▁+[▇█]+ +", bars)
+        assert re.search(" ▁+[▇█]+ +$", "".join(span.text for span in course))
         assert {span.tone for span in course if {*span.text} & {*"▇█"}} == {Tone.WARN}
 
 
@@ -392,7 +398,7 @@ HELD: Story = [
     (Driver.set_up,),
     ("f5",),
     (passes(1.5),),
-    (lambda d: d.engine.false_start(),),
+    (engine_does(HandEngine.touch),),
     (Driver.settle, "The countdown is held"),
 ]
 """Somebody touched the handle in the countdown, and the question has come."""
@@ -422,8 +428,9 @@ STORIES: Stories = {
             "CW    .   .   .   .   O",
         ),
         (has(angle=0.1), "CCW   M   m   m   M   m", "CW    .   .   .   .   O"),
-        (has(freshness=Freshness.STALE), "CCW   s   s   s   s   s"),
-        (has(freshness=Freshness.LOST), "CW    ?   ?   ?   ?   ?"),
+        (sets(silent=list(Signal)),),
+        (passes(1.0), "CCW   s   s   s   s   s"),
+        (passes(2.0), "CW    ?   ?   ?   ?   ?"),
     ],
     **{
         f"the top line never loses recorder and clock: {label[:9]}": [
@@ -452,12 +459,12 @@ STORIES: Stories = {
         ),
     ],
     "the log shows its newest lines": [
+        (Driver.run,),
         *(
-            (engine_does(FakeEngine.say, f"line {number} [bold]x[/]", Origin.SYSTEM),)
+            (engine_does(HandEngine.act, AddNote(f"line {number} [bold]x[/]")),)
             for number in range(50)
         ),
-        ("f3",),
-        (Driver.look_thrice, "system  line 49 [bold]x[/]", no("line 40")),
+        (Driver.look_thrice, "referee note: line 49 [bold]x[/]", no("line 30 ")),
     ],
     "an engine that stands still is called silent": [
         (ages(10.0), "the engine is silent for 10 s"),
@@ -465,12 +472,10 @@ STORIES: Stories = {
     "the live pane shows the whole run": [
         (in_sizes(SMALL, LARGE),),
         (Driver.run,),
-        (sets(angle=0.31, force=12.3, maximum=15.2),),
         (acting(Driver.do_steps, Step.TOUCH),),
         (passes(1.25),),
-        (acting(Driver.do_steps, Step.UNLOCK, Step.OPEN),),
-        (lambda d: d.engine.say("door opens"),),
-        (sets(provisional={"time_to_handle": 1.0}),),
+        (acting(Driver.do_steps, Step.OPEN),),
+        (sets(angle=0.31, force=12.3),),
         (
             Driver.look_thrice,
             "RUNNING  4:58 left of 5:00",
@@ -478,22 +483,23 @@ STORIES: Stories = {
             "condition 1: pull, from CCW to CW, No Force",
             "next: step 4 cross the threshold",
             "✓ 1 touch the handle      1.000",
-            "✓ 3 open the door         2.250",
+            "✓ 3 open the door         2.251",
             "> 4 cross the threshold      no",
             "  6 lock the door            no",
             "door +0.310 rad  +17.8 deg open",
-            "handle raw +12.30 max 15.2 zero +0.0 N",
+            "handle raw +12.30 max 12.3 zero +0.0 N",
             "touch at 1.96 N",
             "so far  to handle 1.000 s occupation - passage -  all sensors live",
             "   +2.25 sensor  door opens",
-            lambda d: "…" not in "".join(d.rows()[1:]),
+            # the reason of a step that is not done may be
+            lambda d: not [row for row in d.rows()[1:] if "…" in row and "    no  " not in row],
         ),
     ],
     "a false start says what to do": [
         (Driver.set_up,),
         ("f5",),
         (passes(1.5), "COUNTDOWN  starts in 0:04"),
-        (lambda d: d.engine.false_start(),),
+        (engine_does(HandEngine.touch),),
         (
             Driver.settle,
             "HELD  3.5 s before the start",
@@ -501,7 +507,7 @@ STORIES: Stories = {
             "F8 aborts the run.",
         ),
         (passes(60.0), "HELD  3.5 s before the start"),
-        ("r", RestartCountdown(), no("FALSE START"), "starts in 0:05"),
+        ("r", RestartCountdown(), no("FALSE START: handle touched."), "starts in 0:05"),
     ],
     "a false start is accepted and the countdown goes on from where it was held": [
         *HELD,
@@ -512,7 +518,8 @@ STORIES: Stories = {
         (Driver.set_up,),
         ("f5",),
         (remember,),
-        (lambda d: d.engine.false_start(),),
+        (passes(1.0),),
+        (engine_does(HandEngine.touch),),
         (Driver.settle, "The countdown is held"),
         (types_every(0.0),),
         ("r", "'r' is left out: the question has just come", did_nothing),
@@ -530,7 +537,8 @@ STORIES: Stories = {
         (Driver.set_up,),
         ("f5",),
         ("i",),
-        (lambda d: d.engine.false_start(),),
+        (passes(1.0),),
+        (engine_does(HandEngine.touch),),
         (Driver.settle, "HELD", no("The countdown is held")),
         ("f", MarkIncident(IncidentKind.FALL)),
         (Driver.settle, "The countdown is held"),
@@ -539,7 +547,8 @@ STORIES: Stories = {
         (Driver.set_up,),
         ("f5",),
         (has(right=RightToAct(holder="Ada@hall")),),
-        (lambda d: d.engine.false_start(),),
+        (passes(1.0),),
+        (engine_does(HandEngine.touch),),
         (Driver.settle, "HELD", no("The countdown is held")),
         (has(right=RightToAct()),),
         (Driver.settle, "The countdown is held"),
@@ -553,8 +562,9 @@ STORIES: Stories = {
     ],
     "a value that is lost is a word and no number": [
         (Driver.run,),
-        (has(freshness=Freshness.STALE), "+0.000 rad   +0.0 deg stale"),
-        (sets(angle=None, force=None, freshness=Freshness.LOST),),
+        (sets(silent=list(Signal)),),
+        (passes(1.0), "no angle: stale"),
+        (passes(2.0),),
         (
             Driver.look_thrice,
             "no angle: lost",
@@ -629,13 +639,17 @@ STORIES: Stories = {
     ],
     "what may still change is rough and marked": [
         (Driver.run,),
-        (acting(Driver.do_steps, Step.TOUCH, Step.UNLOCK, Step.OPEN, Step.CROSS),),
+        (acting(Driver.do_steps, Step.TOUCH),),
+        (passes(1.0),),
+        (acting(Driver.do_steps, Step.OPEN),),
+        (passes(2.0),),
+        (acting(Driver.do_steps, Step.CROSS),),
         (sets(provisional={"time_to_handle": 1.0, "door_occupation_time": 2.345}),),
         (
             Driver.look_thrice,
             "so far",
-            "✓ 3 open the door         1.000",
-            "✓ 4 cross the threshold    ~1.0",
+            "✓ 3 open the door         2.001",
+            "✓ 4 cross the threshold    ~4.0",
             "to handle 1.000 s occupation ~2.3 s",
         ),
         (sets(provisional_doubts={"time_to_handle": ("the touch rests on 1 sample",)}),),
@@ -646,7 +660,7 @@ STORIES: Stories = {
         ("f3",),
         (
             Driver.look_thrice,
-            "✓ 4 cross the threshold   1.000",
+            "✓ 4 cross the threshold   4.002",
             "occupation 2.345 s",
             lambda d: "~" not in "".join(d.rows()[1:]),
         ),
@@ -656,4 +670,4 @@ STORIES: Stories = {
 
 @pytest.mark.parametrize("story", STORIES)
 async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
-    await play(FakeEngine, STORIES[story])
+    await play(HandEngine, STORIES[story])

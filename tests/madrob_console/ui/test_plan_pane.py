@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -28,6 +29,7 @@ from tests.madrob_console.ui.driver import (
     Story,
     acting,
     answered,
+    engine_does,
     focused,
     follow,
     has,
@@ -46,7 +48,7 @@ from tests.madrob_console.ui.driver import (
     sets,
     setup_of,
 )
-from tests.madrob_console.ui.fake_engine import EPOCH, FakeEngine
+from tests.madrob_console.ui.inline_engine import EPOCH, HandEngine
 
 TEAMS = TeamList({1: "Walkers", 2: "門の騎士", 3: "Delft University Door Openers"})
 
@@ -55,10 +57,10 @@ def plan(*lines: tuple[int, int, int]) -> Plan:
     return Plan(tuple(PlanLine(Task(subject, cond), count) for subject, cond, count in lines))
 
 
-def planned() -> FakeEngine:
+def planned(**values: Any) -> HandEngine:  # noqa: ANN401
     """A plan in two rounds, on a real testbed."""
     lines = plan((1, 1, 1), (2, 7, 1), (1, 1, 1), (3, 20, 2))
-    return FakeEngine(kind=SourceKind.ROS, plan=lines, teams=TEAMS)
+    return HandEngine(**{"kind": SourceKind.ROS, "plan": lines, "teams": TEAMS, **values})
 
 
 def task(driver: Driver) -> Task:
@@ -151,8 +153,8 @@ NAMES = {
 MANY = {number: f"Team {number}" for number in range(1, 201)}
 
 
-def listed() -> FakeEngine:
-    return FakeEngine(teams=TeamList(NAMES))
+def listed(**values: Any) -> HandEngine:  # noqa: ANN401
+    return HandEngine(**{"teams": TeamList(NAMES), **values})
 
 
 def team(driver: Driver) -> str:
@@ -241,11 +243,10 @@ PLANNED: Stories = {
         (answered(),),
         ("f2 enter f6 f5",),
         (passes(6.0),),
-        (lambda d: d.engine.finish(),),
-        (sets(result=None),),  # it is recorded on, and not scored
+        (engine_does(HandEngine.stop),),  # it is recorded on, and not scored
         (answered(),),
         ("down", Phase.STOPPED, says_only("")),
-        (lambda d: d.engine.score(),),
+        (engine_does(HandEngine.score),),
         (lambda d: d.engine.history.append(summary(1, 1, 1, source="ros")),),
         (answered(),),
         ("down", says("x: 2 ")),

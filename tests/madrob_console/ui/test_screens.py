@@ -28,11 +28,11 @@ from textual.screen import Screen
 import madrob_console.ui
 from madrob_console.common.formatting import format_size, relative_text
 from madrob_console.common.names import ThemeName
-from madrob_console.engine.snapshot import Weight
+from madrob_console.referee.acts import AddNote, MarkIncident
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
-from madrob_console.referee.journal import Origin
 from madrob_console.referee.lists import TeamList
+from madrob_console.referee.records import IncidentKind
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Lines, Span, Tone, line
@@ -57,7 +57,7 @@ from tests.madrob_console.ui.driver import (
     play,
     sets,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.madrob_console.ui.inline_engine import HandEngine
 from tests.madrob_console.ui.test_results import DOUBTED, OVER, TEXT
 
 STORED = Path(__file__).parent / "screens"
@@ -82,13 +82,7 @@ LARGE_PLAN = {
         if team * condition * run < 60
     ],
 }
-HELD_OPEN = {
-    "angle": 0.52,
-    "force": 7.4,
-    "maximum": 15.2,
-    "occupied": {(Side.CCW, 1), (Side.CCW, 3)},
-    "provisional": {"time_to_handle": 1.0},
-}
+HELD_OPEN = {"angle": 0.52, "force": 7.4, "occupied": {(Side.CCW, 1), (Side.CCW, 3)}}
 """By a robot that stands in the doorway."""
 PROTEST = Flag(
     FlagKind.PROTEST, "protest 1 (step 4) OPEN, UNDECIDED", FlagWeight.ALARM, undecided=True
@@ -103,14 +97,11 @@ TWO_EACH = Plan((PlanLine(Task(1, 7), 2), PlanLine(Task(2, 7), 2)))
 
 def opens_the_door(driver: Driver) -> None:
     """A robot pulls at the handle; 5 s later the door is open."""
-    engine = driver.engine
-    engine.move(4.0, lambda _: 0.001, lambda at: 0.4 + 3.1 * at)
-    engine.do_step(Step.TOUCH)
-    engine.move(1.0, lambda at: 0.03 * at, lambda at: 12.4 - 8 * at)
-    engine.do_step(Step.UNLOCK)
-    engine.do_step(Step.OPEN)
-    engine.move(4.0, lambda at: 0.03 + 1.17 * math.sin(at * math.pi / 8), lambda _: 4.4)
-    engine.move(2.0, lambda _: 1.2, lambda _: 0.4)
+    move = driver.engine.move
+    move(4.0, lambda _: 0.001, lambda at: 0.4 + 3.1 * at)
+    move(1.0, lambda at: 0.03 * at, lambda at: 12.4 - 8 * at)
+    move(4.0, lambda at: 0.03 + 1.17 * math.sin(at * math.pi / 8), lambda _: 4.4)
+    move(2.0, lambda _: 1.2, lambda _: 0.4)
 
 
 SCREENS: Mapping[str, tuple[tuple[int, int], Sequence[tuple[Item, str]]]] = {
@@ -120,14 +111,9 @@ SCREENS: Mapping[str, tuple[tuple[int, int], Sequence[tuple[Item, str]]]] = {
             ("f2 enter", "setup"),
             ("f6 f5", ""),
             (passes(6.0), ""),
-            (acting(Driver.do_steps, Step.TOUCH, Step.UNLOCK, Step.OPEN), ""),
+            (acting(Driver.do_steps, Step.TOUCH, Step.OPEN), ""),
             (sets(**HELD_OPEN), ""),
-            (lambda d: d.engine.say("handle touched"), ""),
-            (lambda d: d.engine.say("door opens"), ""),
-            (
-                lambda d: d.engine.say("incident: collision", Origin.REFEREE, Weight.NOTICE),
-                "",
-            ),
+            (engine_does(HandEngine.act, MarkIncident(IncidentKind.COLLISION)), ""),
             *[(Driver.settle, "")] * 3,
             (Driver.settle, "live"),
             ("f8", "abort"),
@@ -143,7 +129,7 @@ SCREENS: Mapping[str, tuple[tuple[int, int], Sequence[tuple[Item, str]]]] = {
             ("f2 enter f6 f5", ""),
             (passes(6.0), ""),
             (opens_the_door, ""),
-            (sets(occupied={(Side.CCW, 1), (Side.CCW, 2)}, maximum=12.4), ""),
+            (sets(occupied={(Side.CCW, 1), (Side.CCW, 2)}), ""),
             *[(Driver.settle, "")] * 14,
             (Driver.settle, "course"),
         ],
@@ -189,7 +175,7 @@ async def test_the_screens_are_as_they_were_looked_at(
     largest, rows = SCREENS[screens]
     width, height = largest if large else SMALL
     runs = LISTED if screens == "lists with a protest" else ()
-    async with driving(FakeEngine(), (width, height), runs=runs) as driver:
+    async with driving(HandEngine(), (width, height), runs=runs) as driver:
         for deed, name in rows:
             await follow(driver, [(deed,)])
             path = STORED / f"{name}_{width}x{height}.txt"
@@ -226,7 +212,7 @@ async def test_changed_cells_add_up_to_the_screen_also_by_textuals_own_composito
             for tick, key in enumerate(("f2", "f3", "f8", "escape", "question_mark", "f3", "f4"))
             for row in (
                 (sets(angle=0.1 * tick, force=3.0 - tick, occupied={(Side.CCW, tick % 5)}),),
-                (engine_does(FakeEngine.say, f"門 event {tick} ❤"),),
+                (engine_does(HandEngine.act, AddNote(f"門 event {tick} ❤")),),
                 (passes(0.3), same),
                 (key, same),
             )
@@ -235,7 +221,7 @@ async def test_changed_cells_add_up_to_the_screen_also_by_textuals_own_composito
         ("f3",),
         (Driver.finish, same),
     ]
-    await play(FakeEngine, rows)
+    await play(HandEngine, rows)
 
 
 UI = Path(next(iter(madrob_console.ui.__path__)))

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from madrob_console.archive.collection import matches
+from madrob_console.engine.requests import ExportTeam
 from madrob_console.engine.snapshot import ExportView
 from madrob_console.pages.tally import Standing, standings
 from madrob_console.referee.flags import FlagWeight
@@ -32,7 +33,6 @@ from tests.madrob_console.ui.driver import (
     Stories,
     Story,
     answered,
-    engine_has,
     has,
     no,
     opened,
@@ -42,7 +42,7 @@ from tests.madrob_console.ui.driver import (
     says_only,
     showing,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine
+from tests.madrob_console.ui.inline_engine import HandEngine
 
 TITLES = (
     *("subj", "team", "cond", "task", "compl", "timeo", "inval", "exec s", "hand s", "occup s"),
@@ -345,20 +345,29 @@ def test_a_line_says_what_has_become_of_an_export(export: ExportView, text: str)
 
 PRACTISED = summary(7, practice=True)
 SPRING = summary(7, competition="Spring Cup", hour=1)
+
+
+def packed(*teams: ExportTeam) -> Callable[[Driver], object]:
+    return lambda driver: driver.engine.exported == [*teams]
+
+
 PACKED: Stories = {
     **{
-        f"e packs official or practice runs as the marked one is: {subject}": [
+        f"e packs official or practice runs as the marked one is: {practice}": [
             (opened(runs=[run]),),
             (answered("escape h"),),
-            ("enter e", engine_has(exported=[subject])),
+            ("enter e", packed(ExportTeam(7, practice, "Autumn Cup"))),
         ]
-        for run, subject in ((summary(7), 7), (PRACTISED, -7))
+        for run, practice in ((summary(7), False), (PRACTISED, True))
     },
     "e packs the team of the marked runs competition": [
         (opened(runs=[SPRING, summary(7)]),),
         (answered("escape h"),),
         ("enter e",),
-        ("down enter e", engine_has(exported_of=["Spring Cup", "Autumn Cup"])),
+        (
+            "down enter e",
+            packed(ExportTeam(7, False, "Spring Cup"), ExportTeam(7, False, "Autumn Cup")),
+        ),
     ],
     "e packs the team of the run or the marked one and says where the zip is": [
         (opened(runs=[summary(7)]),),
@@ -373,11 +382,14 @@ PACKED: Stories = {
         (Driver.run,),
         (Driver.finish,),
         # a simulated run is practice
-        ("f4 enter e", engine_has(exported=[7, -1])),
+        (
+            "f4 enter e",
+            packed(ExportTeam(7, False, "Autumn Cup"), ExportTeam(1, True, "Autumn Cup")),
+        ),
     ],
 }
 
 
 @pytest.mark.parametrize("story", PACKED)
 async def test_e_packs_runs(story: str) -> None:
-    await play(FakeEngine, PACKED[story])
+    await play(HandEngine, PACKED[story])

@@ -25,6 +25,7 @@ from madrob_console.engine.requests import (
     Skip,
     Slower,
 )
+from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.checks import Freshness
 from madrob_console.ui.cells.lines import plain
 from madrob_console.ui.frame.frame_lines import (
@@ -47,7 +48,7 @@ from tests.madrob_console.ui.driver import (
     says,
     sets,
 )
-from tests.madrob_console.ui.fake_engine import FakeEngine, finished, prepared
+from tests.madrob_console.ui.inline_engine import HandEngine, at_rest, finished, start
 
 ARROWS = "↑↖←↙↓↘→↗"
 SMALL, ROOMY = (15, 7), (30, 13)
@@ -163,8 +164,13 @@ def test_a_pose_that_is_no_number_is_no_pose() -> None:
         assert any("no pose" in row for row in drawn(starting(Side.CCW), pose))
 
 
-def live(engine: FakeEngine, size: tuple[int, int] = (30, 17)) -> list[str]:
-    return ["".join(span.text for span in line) for line in doorway(engine.snapshot(), *size)]
+def live(state: Snapshot, size: tuple[int, int] = (30, 17)) -> list[str]:
+    return ["".join(span.text for span in line) for line in doorway(state, *size)]
+
+
+def panel_at(angle: float, freshness: Freshness = Freshness.FRESH) -> Snapshot:
+    state = at_rest()
+    return replace(state, door=replace(state.door, angle=angle, freshness=freshness))
 
 
 def panel(rows: list[str]) -> list[tuple[int, int]]:
@@ -179,33 +185,34 @@ def panel(rows: list[str]) -> list[tuple[int, int]]:
 @given(st.floats(-1.6, 1.6), st.sampled_from([(28, 10), (30, 17), (30, 24), (40, 40)]))
 def test_the_live_panel_stands_at_its_measured_angle(angle: float, size: tuple[int, int]) -> None:
     """A cell is twice as high as it is wide; the sensors may hide a part of the panel."""
-    rows = live(FakeEngine(angle=angle), size)
+    rows = live(panel_at(angle), size)
     assert len(rows) == min(size[1], size[0] + 2)
     assert {cell_len(row) for row in rows[:10]} == {size[0]}
     for up, right in panel(rows):
         off = math.remainder(math.atan2(up, right) - angle, math.tau)
         assert abs(off) * math.hypot(up, right) <= 2.5
-    wide = max(row.count("─") for row in live(FakeEngine(angle=1.5), size))
+    wide = max(row.count("─") for row in live(panel_at(1.5), size))
     assert max(math.hypot(*cell) for cell in panel(rows)) >= 0.8 * wide - 2  # as long as that
 
 
 @pytest.mark.parametrize("freshness", [Freshness.STALE, Freshness.LOST, Freshness.NEVER])
 def test_a_panel_that_is_not_measured_now_is_not_drawn(freshness: Freshness) -> None:
-    rows = live(FakeEngine(angle=0.4, freshness=freshness))
+    rows = live(panel_at(0.4, freshness))
     assert panel(rows) == []
     assert any(f"no angle: {freshness}" in row for row in rows)
 
 
 def test_the_live_door_shows_what_the_sensors_see_and_on_which_side_the_robot_is() -> None:
-    engine = prepared()
-    engine.occupied = {(Side.CCW, 0), (Side.CW, 4)}
-    rows = live(engine)
+    engine = start(HandEngine(), 6.0)
+    engine.put(occupied={(Side.CCW, 0), (Side.CW, 4)})
+    rows = live(engine.snapshot())
     wall = next(y for y, row in enumerate(rows) if "━" in row)
     assert [char for char in rows[wall - 1] if char in "O."] == [*"....O"]
     assert [char for char in rows[wall + 1] if char in "O."] == [*"O...."]
     assert rows[0].startswith("CCW robot")
     engine.do_step(Step.CROSS)
-    rows = live(engine)
+    rows = live(engine.snapshot())
+    engine.end()
     assert [row.split()[:2] for row in (rows[0], rows[-3])] == [["CCW", "+1.2"], ["CW", "robot"]]
 
 
@@ -263,31 +270,33 @@ def test_no_key_of_a_replay_is_a_key_of_the_console() -> None:
     assert not taken & {name for key in PLAYBACK_KEYS for name in key.keys.split(",")}
 
 
-def replaying(engine: FakeEngine | None = None, view: PlaybackView = VIEW) -> FakeEngine:
-    engine = engine or FakeEngine()
-    engine.kind, engine.label, engine.playback = SourceKind.REPLAY, "REPLAY of the morning", view
-    return engine
+def replaying(state: Snapshot, view: PlaybackView = VIEW) -> Snapshot:
+    kind, label = SourceKind.REPLAY, "REPLAY of the morning"
+    result_source = state.result_source and kind
+    return replace(
+        state, source_kind=kind, source_label=label, result_source=result_source, playback=view
+    )
 
 
 @pytest.mark.parametrize(
-    ("engine", "pane", "there"),
+    ("replays", "pane", "there"),
     [
-        (replaying(), "live", True),
-        (replaying(), "results", True),
-        (FakeEngine(), "live", False),
-        *((replaying(), pane, False) for pane in ("figures", "setup", "history")),
+        (True, "live", True),
+        (True, "results", True),
+        (False, "live", False),
+        *((True, pane, False) for pane in ("figures", "setup", "history")),
     ],
 )
 def test_the_footer_has_the_keys_of_a_replay_only_on_one(
-    engine: FakeEngine, pane: str, *, there: bool
+    pane: str, *, replays: bool, there: bool
 ) -> None:
     keys = KeyLine()
-    keys.pane, keys._snapshot = pane, engine.snapshot()
+    keys.pane, keys._snapshot = pane, replaying(at_rest()) if replays else at_rest()
     assert ("j Jump" in plain(keys.lines(80 if there else 200))) is there
 
 
 def test_the_smallest_screen_says_that_it_is_a_replay() -> None:
-    lines = plain(tiny_lines(replaying().snapshot(), 20))
+    lines = plain(tiny_lines(replaying(at_rest()), 20))
     assert "REPLAY playing 1x" in lines.splitlines()
     assert "F8" not in lines
 
@@ -296,8 +305,8 @@ def test_the_smallest_screen_says_that_it_is_a_replay() -> None:
     "words", [EQUAL, "differs from the stored result: execution time 12.30, stored 12.32"]
 )
 def test_the_result_says_how_it_compares_with_the_stored_one(words: str) -> None:
-    engine = replaying(finished(), replace(VIEW, ended=True, comparison=words))
-    head = plain(ResultHead().draw_lines(engine.snapshot(), 80))
+    state = replaying(finished(), replace(VIEW, ended=True, comparison=words))
+    head = plain(ResultHead().draw_lines(state, 80))
     assert words in head.splitlines()
     assert "REPLAY: not an official result" in head
     assert "f finalises" not in head
@@ -340,4 +349,4 @@ STORIES: Stories = {
 
 @pytest.mark.parametrize("story", STORIES)
 async def test_what_keys_do_and_what_is_seen_then(story: str) -> None:
-    await play(FakeEngine, STORIES[story])
+    await play(HandEngine, STORIES[story])

@@ -16,13 +16,14 @@ from madrob_console.common.names import SourceKind
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.requests import Role
 from madrob_console.engine.snapshot import Pulse, RightToAct
+from madrob_console.referee.acts import Start
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.lists import TeamList
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui.cells.digits import digit_rows
 from madrob_console.ui.wall import PAGE_TIME, PAUSED, WallApp
-from scoring.protocol import Outcome, Step
+from scoring.protocol import Condition, Outcome, Step
 from tests.madrob_console.run_folders import summary, write
 from tests.madrob_console.ui.driver import (
     DEFAULTS,
@@ -35,10 +36,10 @@ from tests.madrob_console.ui.driver import (
     has,
     no,
     passes,
-    set_values,
     sets,
 )
-from tests.madrob_console.ui.fake_engine import EPOCH, FakeEngine, a_setup
+from tests.madrob_console.ui.inline_engine import EPOCH, HandEngine, start
+from tests.madrob_console.ui.prepared import a_setup
 from tests.madrob_console.ui.test_standings_pane import ALIKE
 
 
@@ -47,7 +48,7 @@ class Hall(Shown):
     """A wall display under test."""
 
     app: WallApp
-    engine: FakeEngine
+    engine: HandEngine
     clock: list[float] = field(default_factory=lambda: [0.0])
 
     async def let_pass(self, duration: float) -> None:
@@ -84,16 +85,18 @@ class Case(NamedTuple):
 
     rows: Story
     size: tuple[int, int] = SMALL
-    engine: Mapping[str, object] = {}
+    engine: Mapping[str, Any] = {}
     runs: Sequence[RunSummary] = ()
     ascii_only: bool = False
+    team: str | None = None
+    """Whose run goes on."""
 
 
 LIVE = {"kind": SourceKind.ROS, "label": "LIVE ros"}
 
 
-def goes_on(team: str = "Delft", start: float = EPOCH) -> dict[str, Any]:
-    return {"run": Run(Phase.RUNNING, replace(a_setup(), team=team), True, start=start)}
+def goes_on(engine: HandEngine, team: str = "Delft") -> None:
+    start(engine, 5.0, team=team)
 
 
 def large(*numbers: str) -> Callable[[Hall], object]:
@@ -110,8 +113,9 @@ def in_row(number: int, words: str) -> Callable[[Hall], object]:
 
 
 async def see(case: Case, results: Path) -> None:
-    engine = FakeEngine(right=RightToAct(Role.WATCH))
-    set_values(engine, case.engine)
+    engine = HandEngine(right=RightToAct(Role.WATCH), **case.engine)
+    if case.team is not None:
+        goes_on(engine, case.team)
     for run in case.runs:
         write(results, run)
     clock = [0.0]
@@ -122,6 +126,13 @@ async def see(case: Case, results: Path) -> None:
         wall = Hall(app, pilot, engine, clock)
         await Shown.until(wall, "WATCHING")
         await follow(wall, case.rows)
+    engine.end()
+
+
+def follows(wall: Hall) -> None:
+    """The next engine is there, and a run goes on."""
+    wall.engine.follower = HandEngine(right=RightToAct(Role.WATCH))
+    goes_on(wall.engine.follower, "Next")
 
 
 def says_no_key(wall: Hall) -> object:
@@ -131,7 +142,7 @@ def says_no_key(wall: Hall) -> object:
 def in_phase(phase: Phase) -> Story:
     outcome = Outcome.COMPLETED if phase in (Phase.STOPPED, Phase.FINAL) else None
     run = Run(phase, a_setup(), start=EPOCH - 3.0, outcome=outcome)
-    return [(sets(run=run),), *[(passes(PAGE_TIME), says_no_key)] * 3]
+    return [(sets(run=run, elapsed=3.0),), *[(passes(PAGE_TIME), says_no_key)] * 3]
 
 
 ROUND: Story = [
@@ -141,6 +152,7 @@ ROUND: Story = [
     (passes(PAGE_TIME), says("STANDINGS 3 of 3"), "30 Team 30"),
     (passes(PAGE_TIME),),
 ]
+SEVENTH = Condition.from_number(7)
 TWELVE_MINUTES_AGO = time.strftime("%H:%M", time.gmtime(EPOCH - 12 * 60))
 TEAMS = ("東京大学", 'Robo "Doors" Berlin', "Zürich 🤖", "A" * 60, "")
 SIZES = ((40, 10), (60, 18), (80, 24), (120, 36), (200, 50))
@@ -166,7 +178,7 @@ CASES = {
         f"state team clock level and steps are there at once: {size}": Case(
             [
                 (passes(1.0),),
-                (engine_does(FakeEngine.do_step, Step.TOUCH),),
+                (engine_does(HandEngine.do_step, Step.TOUCH),),
                 (
                     passes(1.5),
                     large("0:02.5", "1"),
@@ -179,7 +191,7 @@ CASES = {
                 ),
             ],
             size,
-            goes_on(),
+            team="Delft",
         )
         for size in SIZES
     },
@@ -193,7 +205,7 @@ CASES = {
                 "12 min LATE",
                 "condition 7: ",
             ),
-            (sets(**goes_on()),),
+            (lambda wall: start(wall.engine, 5.0, subject=2, team="Ghent", condition=SEVENTH),),
             (passes(1.0), says("RUNNING")),
         ],
         LARGE,
@@ -205,10 +217,10 @@ CASES = {
     ),
     "a time that may still change is marked": Case(
         [
-            *((engine_does(FakeEngine.do_step, step),) for step in list(Step)[:4]),
+            *((engine_does(HandEngine.do_step, step),) for step in list(Step)[:4]),
             (passes(1.0), "0.000", "~0.0"),
         ],
-        engine=goes_on(),
+        team="Delft",
     ),
     **{
         f"nothing says what a referee could press: {size}": Case(
@@ -223,7 +235,7 @@ CASES = {
         [
             *ROUND,
             *ROUND,
-            (sets(**goes_on()),),
+            (engine_does(goes_on),),
             (passes(PAGE_TIME),),
             *[(passes(PAGE_TIME), says("RUNNING"))] * 3,
         ],
@@ -248,7 +260,7 @@ CASES = {
     },
     **{
         f"a team's name has one row in any script: {team[:9]}, {width}": Case(
-            [("", team_has_its_row(team))], (width, 24), goes_on(team)
+            [("", team_has_its_row(team))], (width, 24), team=team
         )
         for width in (60, 80, 120)
         for team in TEAMS
@@ -256,7 +268,7 @@ CASES = {
     "without large digits the numbers are plain": Case(
         [("", "0:00.0", "1 ????????", says("RUNNING"))],
         (160, 50),
-        goes_on("東京大学"),
+        team="東京大学",
         ascii_only=True,
     ),
     "the hall hears of a pause, and since when it has lasted": Case(
@@ -267,28 +279,28 @@ CASES = {
             (sets(failure=None, pulse=Pulse()),),
             (passes(60.0), says("RUNNING"), no("What you see")),
         ],
-        engine=goes_on(),
+        team="Delft",
     ),
     "the next engine is found by itself": Case(
         [
             (sets(failure="the engine has ended"),),
             (passes(1.0), says(PAUSED)),
-            (sets(follower=FakeEngine(right=RightToAct(Role.WATCH), **goes_on("Next"))),),
+            (follows,),
             (passes(4.0),),
             (Hall.settle, says("RUNNING"), "1 Next"),
         ],
-        engine=goes_on(),
+        team="Delft",
     ),
     "no key but those that leave does anything": Case(
         [
             (
                 "f8 y f9 1 f x ctrl+p t enter",
-                lambda wall: wall.engine.acts == [],
+                lambda wall: isinstance(wall.engine.acts[-1], Start),
                 lambda wall: wall.app.is_running,
             ),
             ("q", lambda wall: not wall.app.is_running),
         ],
-        engine=goes_on(),
+        team="Delft",
     ),
     **{
         f"doubts are shown: {size}": Case(
