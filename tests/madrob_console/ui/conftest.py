@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import os
 import time
 from collections.abc import Iterator
 
@@ -32,7 +33,10 @@ def runner() -> Iterator[asyncio.Runner]:
 
 
 @pytest.fixture(autouse=True)
-def _clock_of_the_screens(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _clock_and_disk_of_the_screens(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """No run here has to outlast its test: nothing waits until it is on the disk."""
+    for sync in ("fsync", "fdatasync"):
+        monkeypatch.setattr(os, sync, lambda _: None)
     monkeypatch.setenv("TZ", "UTC")
     time.tzset()
     yield

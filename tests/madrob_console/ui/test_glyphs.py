@@ -301,7 +301,7 @@ def page(table: Table[Pair], width: int = 40, height: int = 7) -> list[str]:
 
 
 @given(st.lists(st.none() | st.integers(-3, 3)))
-def test_sorting_keeps_every_row_and_the_order_of_equals_and_missing_values_come_last(
+def test_sorting_keeps_rows_and_the_order_of_equals_and_missing_values_come_last(
     numbers: list[int | None],
 ) -> None:
     rows = [(f"{place:03}", number) for place, number in enumerate(numbers)]

@@ -154,7 +154,7 @@ def steps_apart(driver: Driver) -> object:
     return beside == [wide] * len(Step) and ends
 
 
-async def test_values_and_steps_of_an_ordinary_result_fill_20_rows_and_v_turns_to_its_details(
+async def test_values_and_steps_of_an_ordinary_result_fill_20_rows_and_v_has_its_details(
     driver: Driver, engine: HandEngine
 ) -> None:
     engine.put(kind=SourceKind.ROS)
