@@ -183,7 +183,7 @@ STORIES: Stories = {
             ("f8 1",),
             (lambda d: d.engine.finish(),),
             ("y", asks("The run was over before the abort (robot unsafe)")),
-            ("", "run 1 of subject 1 Door Bots"),
+            ("", "run 1 of subject 1 Door Bots", Outcome.COMPLETED),
             (answer, no_question, is_void(void)),
         ]
         for answer, void in (("y", True), ("enter", False))
@@ -247,7 +247,7 @@ STORIES: Stories = {
             ("n =robot enter f9 2 y", "Team (/ list) Door Bots"),
             ("", lambda d: not any(isinstance(act, DeclareTimeout) for act in d.engine.acts)),
         ]
-        for gap in (MACHINE, QUICK, SLOW)
+        for gap in (MACHINE, SLOW)
     },
     **{
         f"a key typed as the result comes is left out unless it could be seen: {gap}, {key}": [
@@ -303,12 +303,6 @@ STORIES: Stories = {
             pane("live"),
             lambda d: len(d.console.dialogs) == 1,
         ),
-    ],
-    "an act that came too late is refused in words": [
-        (Driver.run,),
-        ("f8 1",),
-        (lambda d: d.engine.finish(),),
-        ("y", Outcome.COMPLETED, says("the run has stopped")),  # by the question or by the engine
     ],
     "a void and a correction are made and taken back by keys": [
         (Driver.run,),
@@ -442,7 +436,7 @@ STORIES: Stories = {
             (types_every(gap),),
             ("f8 1 y", Abort("robot unsafe")),
         ]
-        for gap in [MACHINE, QUICK, SLOW]
+        for gap in [MACHINE, SLOW]
     },
     **{
         f"what answers an abort is nothing else once the run is over: {gap}, {keys}": [
@@ -476,7 +470,7 @@ STORIES: Stories = {
             ("2", says("F9 was refused: the run has stopped")),
             ("enter f9 2 y", did_nothing, no_question),
         ]
-        for gap in [MACHINE, QUICK, SLOW]
+        for gap in [MACHINE, SLOW]
     },
     "after a refusal and a pause letters are keys again": [
         (Driver.run,),

@@ -322,6 +322,28 @@ STORIES: Stories = {
         ),
         ("enter y p", lambda d: Path(d.copies[-1]).name == summary(7).folder),
     ],
+    "letters of the menu say how to press them and messages are kept": [
+        *STOPPED,
+        ("f4 f", says("Sign: press Enter, then f")),
+        ("u", says("Re-issue: not now: only a final result is re-issued")),
+        ("v", lambda driver: "Void" not in driver.console.status),  # a key of the result itself
+        ("m", "Sign: press Enter, then f", "Re-issue: not now"),
+        ("slash =sign enter", no("Re-issue: not now")),
+    ],
+    "a command is found by what people call it": [
+        ("f3",),
+        *(
+            row
+            for typed, command in (
+                ("wrong team", "Enter c Correct"),
+                ("repeat", "Enter X Again"),
+                ("lock", "6 step 6: lock the door"),
+                ("undo", "z Take back"),
+                ("gave up", "F9 Timeout"),
+            )
+            for row in ((f"ctrl+p '={typed}'",), (Driver.settle, command), ("escape",))
+        ),
+    ],
     "there may be nothing to copy": [
         ("f3 enter y", says("Refused: copy: there is no row")),
     ],
@@ -428,72 +450,39 @@ def named_keys(driver: Driver) -> dict[str, tuple[int, int]]:
     return found
 
 
-PLACES = {
-    "nothing is set up": "f2 f3",
-    "the pose is confirmed": "f3",
-    "somebody started too early": "f3 'f3 escape'",
-    "the run goes on": "f3 'f3 f8 1' 'f3 f9' 'f3 4 r' 'f3 enter'",
-    "the run has stopped": """
-        f2 f4 'f4 enter g home up up' 'f4 h' 'f4 p' 'f4 s' 'f4 m' 'f4 h slash =a enter'
-        'f4 enter' 'f4 enter c' 'f4 enter P' 'f4 enter f'
-    """,
-    "the result is final": "'f4 enter u 1'",
-}
-"""The keys that lead to each place where keys are named."""
+PLACES = [
+    ("nothing is set up", "f2 f3"),
+    ("the pose is confirmed", "f3"),
+    ("somebody started too early", "f3 'f3 escape'"),
+    ("the run goes on", "f3 'f3 f8 1' 'f3 f9'"),
+    ("the run goes on", "'f3 4 r' 'f3 enter'"),
+    ("the run has stopped", "f2 f4 'f4 enter g home up up' 'f4 p'"),
+    ("the run has stopped", "'f4 s' 'f4 m' 'f4 h' 'f4 h slash =a enter'"),
+    ("the run has stopped", "'f4 enter' 'f4 enter c' 'f4 enter P' 'f4 enter f'"),
+    ("the result is final", "'f4 enter u 1'"),
+]
+"""The keys that lead to places where keys are named."""
 
 
-@pytest.mark.parametrize(
-    ("situation", "keys"),
-    [(situation, keys) for situation, places in PLACES.items() for keys in shlex.split(places)],
-)
+@pytest.mark.parametrize(("situation", "places"), PLACES)
 async def test_each_key_that_a_screen_names_does_something_where_it_is_clicked(
-    situation: str, keys: str
+    situation: str, places: str
 ) -> None:
     engine = HandEngine(plan=Plan((PlanLine(Task(1, 1), 2), PlanLine(Task(2, 7), 1))))
     async with driving(engine, runs=[summary(number) for number in (1, 2, 3)]) as driver:
         await follow(driver, SITUATIONS[situation])
         engine.instead = engine.would_refuse
-
-        async def come() -> str:
+        for keys in shlex.split(places):
             await follow(driver, [("escape escape escape",), (keys,)])
-            return driver.text
-
-        await come()
-        named = named_keys(driver).keys() - {"f10"}  # it leaves
-        assert named
-        for key in sorted(named):
-            before, acts = await come(), len(engine.acts)
-            if (place := named_keys(driver).get(key)) is not None:  # a list stays as it is turned
-                await driver.pilot.click(offset=place)
-                await driver.settle()
-                assert driver.text != before or len(engine.acts) > acts, key
-
-
-async def test_letters_of_the_menu_say_how_to_press_them_and_messages_are_kept() -> None:
-    story: Story = [
-        (Driver.run,),
-        (Driver.finish,),
-        ("f4 f", says("Sign: press Enter, then f")),
-        ("u", says("Re-issue: not now: only a final result is re-issued")),
-        ("v", lambda driver: "Void" not in driver.console.status),  # a key of the result itself
-        ("m", "Sign: press Enter, then f", "Re-issue: not now"),
-        ("slash =sign enter", no("Re-issue: not now")),
-    ]
-    await play(HandEngine, story)
-
-
-@pytest.mark.parametrize(
-    ("typed", "command"),
-    [
-        ("wrong team", "Enter c Correct"),
-        ("repeat", "Enter X Again"),
-        ("lock", "6 step 6: lock the door"),
-        ("undo", "z Take back"),
-        ("gave up", "F9 Timeout"),
-    ],
-)
-async def test_a_command_is_found_by_what_people_call_it(typed: str, command: str) -> None:
-    await play(HandEngine, [(f"f3 ctrl+p '={typed}'",), (Driver.settle, command)])
+            named = named_keys(driver).keys() - {"f10"}  # it leaves
+            assert named
+            for key in sorted(named):
+                await follow(driver, [("escape escape escape",), (keys,)])
+                before, acts = driver.text, len(engine.acts)
+                if (place := named_keys(driver).get(key)) is not None:  # a list stays as turned
+                    await driver.pilot.click(offset=place)
+                    await driver.settle()
+                    assert driver.text != before or len(engine.acts) > acts, (keys, key)
 
 
 def test_every_act_is_a_command_or_asked_behind_one() -> None:
