@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from scoring.kinematics import load_filters
-from tests.madrob_console.engine.drive import Rehearsal
+from tests.madrob_console.engine.drive import FaultyDrive
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -16,7 +16,7 @@ def _filters_are_loaded() -> None:
 
 
 @pytest.fixture
-def hall(tmp_path: Path) -> Iterator[Rehearsal]:
-    hall = Rehearsal(tmp_path)
+def hall(tmp_path: Path) -> Iterator[FaultyDrive]:
+    hall = FaultyDrive(tmp_path)
     yield hall
     hall.engine.close()

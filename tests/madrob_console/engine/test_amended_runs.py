@@ -59,8 +59,7 @@ from scoring.kinematics import Rows
 from scoring.procedure import Ruling
 from scoring.protocol import BenchmarkType, Condition, Outcome, Side, Step
 from scoring.result import Ending, Result, Uncertainty
-from tests.madrob_console.engine.deck import Deck
-from tests.madrob_console.engine.drive import PULL, STEP, Drive, make_setup, signed
+from tests.madrob_console.engine.drive import PULL, STEP, Deck, Drive, make_setup, signed
 from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.recorded_runs import appealed, completed, publish, recorded
 

@@ -11,9 +11,7 @@ from madrob_console.referee.acts import Abort, DeclareTimeout, Start
 from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Signal
-from tests.madrob_console.engine.deck import Deck
-from tests.madrob_console.engine.drive import STEP, Drive, make_setup
-from tests.madrob_console.engine.faulty_source import TIMEOUT, FaultyDrive
+from tests.madrob_console.engine.drive import STEP, TIMEOUT, Deck, Drive, FaultyDrive, make_setup
 
 
 class Looking:

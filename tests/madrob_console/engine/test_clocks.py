@@ -24,12 +24,11 @@ from madrob_console.testbeds.ros.intake import Received, arrivals
 from madrob_console.testbeds.ros.ros_source import RosSource
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.testbeds.source import Announcement
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Signal
 from scoring.result import Result
-from tests.madrob_console.engine.deck import Deck
-from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.engine.faulty_source import FaultyDrive
+from tests.madrob_console.engine.drive import Deck, Drive, FaultyDrive, make_setup
 from tests.madrob_console.engine.machine_time import Machine
 from tests.madrob_console.engine.spoilt import HANDLE, Edit, Fault, shift_stamp
 from tests.slowly import slow_but_for
@@ -408,7 +407,7 @@ def test_stamps_of_another_clock_are_named_first_with_what_to_do_and_cannot_be_w
     off: float, clock: float | None, words: str, tmp_path: Path
 ) -> None:
     drive = FaultyDrive(tmp_path)
-    drive.faulty.simulated_time = clock
+    drive.source.announcement = Announcement(simulated_time=clock)
     shift_stamps(drive, [off])
     drive.set_up()
     assert drive.check(CheckName.CLOCK) == f"failed: {words}"
@@ -423,7 +422,7 @@ def test_stamps_of_another_clock_are_named_first_with_what_to_do_and_cannot_be_w
 def test_a_wild_stamp_now_and_then_is_of_no_other_clock(tmp_path: Path) -> None:
     drive = FaultyDrive(tmp_path)
     shift_stamps(drive, [0.0, 1000.0])
-    drive.faulty.spoil(HANDLE, Fault.ZERO_STAMPS)
+    drive.source.spoil(HANDLE, Fault.ZERO_STAMPS)
     drive.set_up()
     assert drive.check(CheckName.CLOCK).startswith("failed: set the clocks: stamps differ by 100")
     drive.act(Waive(CheckName.CLOCK, "known testbed fault"))
@@ -437,4 +436,4 @@ def shift_stamps(drive: FaultyDrive, off: Sequence[float]) -> None:
         return lambda content: shift_stamp(content, next(shifts))
 
     for topic in drive.topics():
-        drive.faulty.fake(topic, shifting())
+        drive.source.fake(topic, shifting())

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.archive.collection import matches
-from madrob_console.archive.history import History
 from madrob_console.referee.acts import (
     Abort,
-    AcceptDoubts,
-    AcceptFalseStart,
     ConfirmPose,
     DeclareTimeout,
-    Finalise,
-    Reissue,
-    RestartCountdown,
     Rule,
     SetUp,
     Start,
@@ -28,22 +18,14 @@ from madrob_console.referee.acts import (
     Waive,
 )
 from madrob_console.referee.checks import CheckState
-from madrob_console.referee.flags import waiting_doubts
 from madrob_console.referee.journal import HOLD_FILE
-from madrob_console.referee.records import CheckName, TeamWord
+from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import LockDetection, Outcome, Step
-from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.engine.faulty_source import FaultyDrive
-from tests.madrob_console.engine.spoilt import HANDLE, set_value
+from tests.madrob_console.engine.drive import Drive, document, make_setup
 from tests.madrob_console.recorded_runs import completed
-
-
-def document(path: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((path / "result.json").read_text())
-    return found
 
 
 def value(path: Path, name: IndicatorName) -> float:
@@ -134,59 +116,6 @@ def test_checks_stand_in_the_way_until_they_are_waived(drive: Drive) -> None:
     drive.give_up()
     remarks = document(drive.folder)["quality"]["remarks"]
     assert "check waived: handle at rest: spring is warm" in remarks
-
-
-def start_falsely(drive: Drive) -> None:
-    """This robot does not wait."""
-    drive.prepare(make_setup(countdown=6.0))
-    drive.act(Start())
-    drive.source.testbed.start(drive.clock.now_ns() - 2_500_000_000)
-    drive.wait_until(lambda: bool(drive.engine.run.false_starts))
-
-
-def test_a_false_start_is_shown_and_decided(drive: Drive) -> None:
-    start_falsely(drive)
-    assert drive.engine.run.phase is Phase.COUNTDOWN
-    drive.source.testbed.reset()
-    drive.act(RestartCountdown())
-    assert drive.engine.run.undecided_false_start is None
-    drive.finish()
-    scored = drive.engine.scored
-    assert scored is not None
-    assert scored.result.outcome is Outcome.COMPLETED
-    assert next(score(drive.folder)).result == scored.result
-
-
-def test_an_undecided_false_start_is_signed_only_by_who_knows_of_it(tmp_path: Path) -> None:
-    drive = FaultyDrive(tmp_path)
-    drive.prepare(make_setup())
-    drive.act(Start())
-    drive.wait(1.95)
-    drive.faulty.deliver(lambda at_ns: at_ns + 60_000_000)  # it is heard of after the start
-    drive.faulty.fake(HANDLE, partial(set_value, value=40.0))
-    drive.give_up()
-    doubted = waiting_doubts(drive.engine.situation().indicators, ())
-    drive.act(AcceptDoubts(doubted, "its messages were late"))
-    words = "1 false start UNDECIDED (handle touched)"
-    assert document(drive.folder)["flags"][0] == {
-        "kind": "false start", "words": words, "weight": "alarm", "undecided": True,
-    }  # fmt: skip
-    (listed,) = History(tmp_path).refresh()
-    assert listed.flags[0].words == words
-    assert matches(listed, "undecided")
-    refused = drive.engine.perform(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
-    assert refused == f"decide it first, or sign it knowing so: {words}"
-    drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee", undecided=(words,)))
-    drive.wait(1.0)
-    assert drive.engine.snapshot().flags[0].words == words
-    drive.act(Reissue("it was seen"), AcceptFalseStart("a draught"))
-    drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
-    drive.engine.close()
-    stored = document(drive.folder)
-    assert stored["false_starts"][0]["accepted"] == "a draught"
-    (listed,) = History(tmp_path).refresh()
-    for flags in ([flag["words"] for flag in stored["flags"]], [f.words for f in listed.flags]):
-        assert flags[0] == "1 false start accepted"
 
 
 def test_the_referee_can_stop_a_run_that_only_he_can_judge(drive: Drive) -> None:

@@ -24,8 +24,7 @@ from madrob_console.referee.records import CheckName, FaultKind
 from madrob_console.referee.run import Phase
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, EventName, Outcome, Signal
-from tests.madrob_console.engine.drive import make_setup
-from tests.madrob_console.engine.faulty_source import TIMEOUT, FaultyDrive
+from tests.madrob_console.engine.drive import TIMEOUT, FaultyDrive, make_setup
 from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault, set_value
 from tests.slowly import slow_but_for
 
@@ -115,7 +114,7 @@ def test_before_the_start_a_fault_fails_a_check_within_2_s_that_names_it(
 ) -> None:
     drive.set_up()
     assert drive.check(CheckName.TOPICS) == "ok: all live and at their rates"
-    drive.faulty.spoil(topic, case.fault)
+    drive.source.spoil(topic, case.fault)
     words = f"^failed: {SIGNALS[topic].value}: .*({case.words})"
     assert drive.seen_after(lambda: drive.check(CheckName.TOPICS), words) <= 2.0
     assert SIGNALS[topic].value in str(drive.engine.perform(Start()))
@@ -196,7 +195,7 @@ def stutter(drive: FaultyDrive, seed: int) -> None:
         newest = max(newest, late, *ends)
         return newest
 
-    drive.faulty.deliver(come)
+    drive.source.deliver(come)
 
 
 @pytest.mark.parametrize("seed", slow_but_for(range(1, 13), 1, 4))
@@ -229,10 +228,10 @@ def test_a_topic_that_was_silent_is_flagged_once_whatever_is_doubted(
     drive.begin()
     drive.wait(begin)
     for topic in topics:
-        drive.faulty.spoil(topic, Fault.DIES)
+        drive.source.spoil(topic, Fault.DIES)
     drive.wait(lasts)
     for topic in topics:
-        drive.faulty.heal(topic)
+        drive.source.heal(topic)
     result = drive.result()
     heavy = serious(drive.engine.snapshot().flags)
     (lost,) = [flag for flag in heavy if flag.kind is FlagKind.FAULT]
@@ -247,7 +246,7 @@ def test_a_topic_that_was_silent_is_flagged_once_whatever_is_doubted(
 def test_the_last_good_value_is_not_shown_for_one_that_cannot_be_read(drive: FaultyDrive) -> None:
     drive.set_up()
     for topic, fault in ((DOOR, Fault.NAN), (HANDLE, Fault.PLUS_INFINITY), (STRIP, Fault.EMPTY)):
-        drive.faulty.spoil(topic, fault)
+        drive.source.spoil(topic, fault)
     drive.wait(0.6)
     shown = drive.engine.snapshot()
     assert (shown.door.angle, shown.door.is_open, shown.handle.force) == (None, None, None)
@@ -265,14 +264,14 @@ def test_a_second_referee_is_named_and_blocks_a_start_until_it_is_waived(
     drive.set_up()
     assert drive.check(CheckName.REFEREE).startswith("ok: none")
     words = "/madrob/console_hall_4711_0a1b2c (pid 4711 on hall) publishes the state"
-    drive.faulty.other_referee = words
+    drive.source.other_referee = words
     assert drive.check(CheckName.REFEREE) == f"failed: {words}"
     assert drive.faults() == f"another referee: {words}"
     assert drive.engine.perform(Start()) == words
     drive.act(Waive(CheckName.REFEREE, "it is a spare and watches"))
     drive.begin()
     drive.wait(3.0)
-    drive.faulty.other_referee = None
+    drive.source.other_referee = None
     drive.wait(1.0)
     assert drive.faults() == ""
     quality = drive.result().quality
@@ -301,7 +300,7 @@ def test_numbers_at_the_end_of_what_a_float_holds_break_nothing(
 @given(st.sampled_from([DOOR, HANDLE, STRIP]), st.lists(st.binary(max_size=200), max_size=20))
 def test_whatever_bytes_come_the_engine_goes_on_and_says_so(topic: str, junk: list[bytes]) -> None:
     drive, again = FaultyDrive(Path("no folder is needed before a start")), cycle(junk)
-    drive.faulty.send(topic, lambda m: [structs.replace(m, data=next(again))] if junk else [])
+    drive.source.send(topic, lambda m: [structs.replace(m, data=next(again))] if junk else [])
     drive.wait(0.6)
     assert SIGNALS[topic].value in drive.faults()
 
@@ -319,11 +318,11 @@ def joints_before(*names: str) -> Callable[[Message], None]:
 def test_the_name_behind_an_index_is_looked_at_and_doubted_where_it_changes(
     drive: FaultyDrive,
 ) -> None:
-    drive.faulty.fake(DOOR, joints_before("lock"))
+    drive.source.fake(DOOR, joints_before("lock"))
     drive.set_up()
     drive.begin()
     drive.wait(2.0)
-    drive.faulty.fake(DOOR, joints_before())
+    drive.source.fake(DOOR, joints_before())
     result = drive.result()
     assert result == drive.rescored()
     one_of_two = f"{DOOR}: position[0] is 'lock', one of 2 names: use position[name=...]"
@@ -341,7 +340,7 @@ def test_a_door_that_flickers_is_told_once_and_costs_the_journal_little(drive: F
     drive.begin()
     drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
     angles = cycle([0.0, 0.4])
-    drive.faulty.fake(DOOR, lambda message: set_value(message, next(angles)))
+    drive.source.fake(DOOR, lambda message: set_value(message, next(angles)))
     result = drive.result()
     assert len(result.events) > MOST_NOTED + 100
     assert any(FLICKERS in remark for remark in result.quality.remarks)
@@ -376,13 +375,13 @@ def test_what_is_up_before_the_start_fails_a_check_and_when_waived_happens_at_th
 ) -> None:
     drive.set_up()
     assert drive.check(check).startswith("ok")
-    drive.faulty.fake(topic, lambda message: set_value(message, value))
+    drive.source.fake(topic, lambda message: set_value(message, value))
     assert drive.seen_after(lambda: drive.check(check), f"^failed: {words}") <= 2.0
     assert re.match(words, str(drive.engine.perform(Start())))
     drive.act(Waive(check, "the team knows"))
     drive.begin()
     drive.wait(2.0)
-    drive.faulty.heal(topic)
+    drive.source.heal(topic)
     result = drive.result()
     assert drive.engine.run.false_starts == ()
     assert next(e.time for e in result.events if e.event is event) == result.start

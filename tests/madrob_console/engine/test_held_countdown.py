@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,43 +12,47 @@ import pytest
 
 from madrob_console.archive import score
 from madrob_console.archive.check import EQUAL
+from madrob_console.archive.collection import matches
+from madrob_console.archive.history import History
 from madrob_console.cli.session import UnattendedRun
 from madrob_console.engine.requests import JumpTo
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC
-from madrob_console.referee.acts import Abort, AcceptFalseStart, RestartCountdown, Start
+from madrob_console.referee.acts import (
+    Abort,
+    AcceptDoubts,
+    AcceptFalseStart,
+    Finalise,
+    Reissue,
+    RestartCountdown,
+    Start,
+)
+from madrob_console.referee.flags import waiting_doubts
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.rebuild import Change, rebuild
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from scoring.protocol import EventName, Outcome
-from tests.madrob_console.engine.deck import Deck
-from tests.madrob_console.engine.drive import STEP, Drive, make_setup
+from tests.madrob_console.engine.drive import STEP, Deck, Drive, FaultyDrive, document, make_setup
 from tests.madrob_console.engine.spoilt import DOOR, HANDLE, set_value
-from tests.madrob_console.engine.test_public_state import Hall, pull_the_handle
 
 LONG = 10.0
 """s that a countdown is held, longer than it takes."""
+SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")
 
 
-@pytest.fixture
-def hall(tmp_path: Path) -> Iterator[Hall]:
-    hall = Hall(tmp_path)
-    yield hall
-    hall.engine.close()
-
-
-def hold(hall: Hall) -> float:
+def hold(hall: FaultyDrive) -> float:
     """A run whose countdown of 2 s is held after half a second; returns what is left of it, s."""
     hall.prepare(make_setup())
     hall.act(Start())
     hall.wait(0.5)
-    pull_the_handle(hall)
+    hall.touch()
     left = hall.engine.snapshot().remaining
     assert left is not None
     assert 0.5 < left < 1.5
     return left
 
 
-def same_everywhere(hall: Hall) -> None:
+def same_everywhere(hall: FaultyDrive) -> None:
     """The run is completed; scored again and replayed it is the same."""
     hall.finish()
     scored = hall.engine.scored
@@ -61,40 +64,35 @@ def same_everywhere(hall: Hall) -> None:
     assert (deck.at.comparison, deck.at.agrees) == (EQUAL, True)
 
 
-def test_nothing_starts_while_a_false_start_waits(hall: Hall) -> None:
+def test_while_a_false_start_waits_nothing_starts_and_accepted_it_goes_on_where_it_was(
+    hall: FaultyDrive,
+) -> None:
     left = hold(hall)
     hall.wait(LONG)
     shown = hall.engine.snapshot()
-    assert shown.run.phase is Phase.COUNTDOWN
-    assert shown.remaining == left
+    assert (shown.run.phase, shown.remaining) == (Phase.COUNTDOWN, left)
     assert shown.elapsed == pytest.approx(-left)
-    last = hall.published(REFEREE_STATE_TOPIC)[-2:]
-    assert [state["phase"] for state in last] == ["countdown", "countdown"]
-    assert [state["start_time"] is None for state in last] == [False, True]
+    last = [
+        (state["phase"], state["start_time"] is None)
+        for state in hall.published(REFEREE_STATE_TOPIC)[-2:]
+    ]
+    assert last == [("countdown", False), ("countdown", True)]
     assert [line.relative for line in hall.engine.log.lines][-1] is None
-
-
-def test_an_accepted_false_start_lets_the_countdown_go_on_where_it_was(hall: Hall) -> None:
-    left = hold(hall)
-    hall.wait(LONG)
     hall.act(AcceptFalseStart("nothing gained"))
     accepted = hall.engine.now()
     assert hall.engine.snapshot().remaining == pytest.approx(left)
     hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
-    assert hall.engine.run.start == pytest.approx(accepted + left, abs=1e-6)
-    start = hall.engine.run.start
-    assert [state["start_time"] for state in hall.published(REFEREE_STATE_TOPIC)][-2:] == [
-        start
-    ] * 2
+    assert hall.start_time == pytest.approx(accepted + left, abs=1e-6)
+    starts = [state["start_time"] for state in hall.published(REFEREE_STATE_TOPIC)]
+    assert starts[-2:] == [hall.start_time] * 2
     same_everywhere(hall)
     deck = Deck(hall.folder)
     deck.do(JumpTo(-left - 1.0))
-    shown = deck.shown
-    assert shown.run.phase is Phase.COUNTDOWN
-    assert shown.remaining == pytest.approx(left, abs=0.03)
+    assert deck.shown.run.phase is Phase.COUNTDOWN
+    assert deck.shown.remaining == pytest.approx(left, abs=0.03)
 
 
-def test_a_countdown_that_begins_again_after_a_hold_is_whole(hall: Hall) -> None:
+def test_a_countdown_that_begins_again_after_a_hold_is_whole(hall: FaultyDrive) -> None:
     hold(hall)
     hall.wait(LONG)
     hall.act(RestartCountdown())
@@ -103,18 +101,11 @@ def test_a_countdown_that_begins_again_after_a_hold_is_whole(hall: Hall) -> None
     assert hall.engine.run.undecided_false_start is None
 
 
-def push_the_door(hall: Hall) -> None:
-    hall.faulty.fake(DOOR, partial(set_value, value=0.4))
-    hall.wait(0.3)
-    hall.faulty.heal(DOOR)
-    hall.wait(0.3)
-
-
-def test_all_while_it_is_held_is_one_question_and_a_later_touch_another(hall: Hall) -> None:
+def test_all_while_it_is_held_is_one_question_and_a_later_touch_another(hall: FaultyDrive) -> None:
     left = hold(hall)
-    push_the_door(hall)
+    hall.touch(DOOR, 0.4)
     hall.wait(LONG)
-    pull_the_handle(hall)
+    hall.touch()
     assert [mark.event for mark in hall.engine.run.false_starts] == [
         EventName.HANDLE_IS_TOUCHED,
         EventName.DOOR_OPENS,
@@ -124,45 +115,63 @@ def test_all_while_it_is_held_is_one_question_and_a_later_touch_another(hall: Ha
     assert {mark.accepted for mark in hall.engine.run.false_starts} == {"the team set it up again"}
     assert hall.engine.run.held is None
     hall.wait(0.1)
-    pull_the_handle(hall)
+    hall.touch()
     assert hall.engine.run.held is not None
     assert [mark.accepted is None for mark in hall.engine.run.false_starts] == [False, False, True]
 
 
-def test_a_false_start_that_comes_with_the_start_holds_it(hall: Hall) -> None:
+def test_a_false_start_that_comes_with_the_start_holds_it(hall: FaultyDrive) -> None:
     hall.prepare(make_setup())
     hall.act(Start())
     hall.wait(1.8)
-    assert hall.engine.run.start is not None
-    hall.faulty.fake(HANDLE, partial(set_value, value=40.0))
+    hall.source.fake(HANDLE, partial(set_value, value=40.0))
     hall.clock.sleep(0.4)  # the engine stands still
     hall.engine.step(STEP)
-    hall.faulty.heal(HANDLE)
-    run = hall.engine.run
-    assert (run.phase, run.held) == (Phase.COUNTDOWN, run.start)
+    hall.source.heal(HANDLE)
+    assert (hall.engine.run.phase, hall.engine.run.held) == (Phase.COUNTDOWN, hall.start_time)
     hall.wait(LONG)
     hall.act(AcceptFalseStart("nothing gained"))
     assert hall.engine.run.phase is Phase.RUNNING
     same_everywhere(hall)
 
 
-def test_a_false_start_heard_of_after_the_start_is_undecided(hall: Hall) -> None:
+def test_an_undecided_false_start_is_signed_only_by_who_knows_of_it(
+    hall: FaultyDrive, tmp_path: Path
+) -> None:
     hall.prepare(make_setup())
     hall.act(Start())
     hall.wait(1.95)
-    hall.faulty.deliver(lambda at_ns: at_ns + 60_000_000)
-    hall.faulty.fake(HANDLE, partial(set_value, value=40.0))
-    hall.wait(0.3)
-    hall.faulty.heal(HANDLE)
+    hall.source.deliver(lambda at_ns: at_ns + 60_000_000)  # it is heard of after the start
+    hall.touch()
     run = hall.engine.run
     assert (run.phase, run.held) == (Phase.RUNNING, None)
     assert run.undecided_false_start is not None
-    assert run.start is not None
-    assert run.undecided_false_start.time < run.start
+    assert run.undecided_false_start.time < hall.start_time
     same_everywhere(hall)
+    words = "1 false start UNDECIDED (handle touched)"
+
+    def flagged() -> list[str]:
+        """In the words of result, list and screen, which are the same."""
+        stored = [one["words"] for one in document(hall.folder)["flags"]]
+        (listed,) = History(tmp_path).refresh()
+        assert stored == [flag.words for flag in listed.flags]
+        assert matches(listed, "undecided") is (stored[0] == words)
+        assert hall.engine.snapshot().flags[0].words == stored[0]
+        return stored
+
+    assert flagged()[0] == words
+    hall.act(AcceptDoubts(waiting_doubts(hall.engine.situation().indicators, ()), "late messages"))
+    refused = hall.engine.perform(SIGNED)
+    assert refused == f"decide it first, or sign it knowing so: {words}"
+    hall.act(replace(SIGNED, undecided=(words,)))
+    hall.wait(1.0)
+    assert flagged()[0] == words
+    hall.act(Reissue("it was seen"), AcceptFalseStart("a draught"), SIGNED)
+    assert flagged()[0] == "1 false start accepted"
+    assert document(hall.folder)["false_starts"][0]["accepted"] == "a draught"
 
 
-def test_an_abort_while_it_is_held_ends_the_run_before_its_start(hall: Hall) -> None:
+def test_an_abort_while_it_is_held_ends_the_run_before_its_start(hall: FaultyDrive) -> None:
     left = hold(hall)
     hall.wait(LONG)
     hall.act(Abort("robot unsafe"))
@@ -174,7 +183,7 @@ def test_an_abort_while_it_is_held_ends_the_run_before_its_start(hall: Hall) -> 
 
 
 def test_an_engine_that_ends_while_it_is_held_leaves_a_run_that_never_began(
-    hall: Hall, tmp_path: Path
+    hall: FaultyDrive, tmp_path: Path
 ) -> None:
     left = hold(hall)
     hall.wait(LONG)
@@ -197,7 +206,7 @@ def test_an_engine_that_ends_while_it_is_held_leaves_a_run_that_never_began(
 
 @pytest.mark.parametrize("accept", [None, "a sensor test"])
 def test_a_run_without_screens_goes_on_after_a_false_start_only_if_told_so(
-    hall: Hall,
+    hall: FaultyDrive,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     accept: str | None,
@@ -209,7 +218,7 @@ def test_a_run_without_screens_goes_on_after_a_false_start_only_if_told_so(
         if began + 2.0 < hall.engine.now() < began + 2.6:
             set_value(message, 40.0)
 
-    hall.faulty.fake(HANDLE, pulled)
+    hall.source.fake(HANDLE, pulled)
     run = UnattendedRun(hall.engine, None)
     practice = replace(make_setup(), practice=True)
     outcome = run.go(lambda simulated: practice, 20.0, None, accept)

@@ -30,8 +30,7 @@ from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announ
 from recorder.bag import RawMessage
 from recorder.reader import Bag
 from scoring.rest import HandleRest
-from tests.madrob_console.engine.drive import Drive, Rehearsal, make_setup
-from tests.madrob_console.engine.faulty_source import FaultyDrive
+from tests.madrob_console.engine.drive import Drive, FaultyDrive, make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.engine.spoilt import Edit
 from tests.madrob_console.small_disk import disk_image, lock_folder
@@ -157,7 +156,7 @@ def setup(number: int = 1, *, practice: bool = False) -> RunSetup:
 
 
 def test_official_and_practice_runs_lie_apart_and_have_numbers_of_their_own(
-    hall: Rehearsal, tmp_path: Path
+    hall: FaultyDrive, tmp_path: Path
 ) -> None:
     for one in (setup(1), setup(1, practice=True), setup(2, practice=True)):
         hall.start(one)
@@ -181,10 +180,10 @@ def test_official_and_practice_runs_lie_apart_and_have_numbers_of_their_own(
 
 
 def test_a_simulated_testbed_over_ros_makes_every_run_practice_and_is_in_the_bag(
-    hall: Rehearsal, tmp_path: Path
+    hall: FaultyDrive, tmp_path: Path
 ) -> None:
     hall.prepare(setup())
-    hall.source.told = OVER_ROS
+    hall.source.announcement = OVER_ROS
     refused = hall.engine.perform(Start())
     assert refused == "the testbed is simulated, a run on it is practice: set it up again"
     hall.act(SetUp(setup()), ConfirmPose(), Start())
@@ -199,10 +198,10 @@ def test_a_simulated_testbed_over_ros_makes_every_run_practice_and_is_in_the_bag
 
 
 def test_what_is_announced_in_an_official_run_is_a_fault_of_it(
-    hall: Rehearsal, tmp_path: Path
+    hall: FaultyDrive, tmp_path: Path
 ) -> None:
     hall.start(setup())
-    hall.source.told = OVER_ROS
+    hall.source.announcement = OVER_ROS
     hall.wait(1.0)
     words = f"{INFO_TOPIC}: the testbed is simulated (nominal): void this run after its stop"
     assert words in hall.engine.snapshot().all_faults
@@ -211,7 +210,7 @@ def test_what_is_announced_in_an_official_run_is_a_fault_of_it(
     assert [fault.text for fault in hall.engine.run.faults] == [words]
     hall.act(SetUp(setup(2)))
     assert hall.engine.run.practice
-    hall.source.told = SILENT  # it has gone: what is set up stays as it is
+    hall.source.announcement = SILENT  # it has gone: what is set up stays as it is
     hall.wait(1.0)
     assert hall.engine.run.practice
     assert hall.engine.run.phase is Phase.READY
@@ -219,8 +218,8 @@ def test_what_is_announced_in_an_official_run_is_a_fault_of_it(
     assert not hall.engine.run.practice
 
 
-def test_what_cannot_be_understood_is_said_and_makes_no_run_practice(hall: Rehearsal) -> None:
-    hall.source.told = Announcement(problem="what is that?")
+def test_what_cannot_be_understood_is_said_and_makes_no_run_practice(hall: FaultyDrive) -> None:
+    hall.source.announcement = Announcement(problem="what is that?")
     hall.start(setup())
     assert f"{INFO_TOPIC}: what is that?" in hall.engine.snapshot().all_faults
     hall.give_up()
@@ -258,11 +257,11 @@ def drifting(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[FaultyD
     drive.begin()
     drive.wait(2.0)
     before, after = SensorSettings().handle_rest
-    drive.faulty.fake(HANDLE, shifted(request.param + before - after))
+    drive.source.fake(HANDLE, shifted(request.param + before - after))
     rest = drive.result().rest
     assert rest is not None
     assert rest.drift == pytest.approx(request.param, abs=0.1)
-    drive.faulty.heal(HANDLE)
+    drive.source.heal(HANDLE)
     yield drive
     drive.engine.close()
 
@@ -337,13 +336,13 @@ def test_a_zero_of_an_unsteady_force_stands_in_the_way_of_a_start(tmp_path: Path
     drive = FaultyDrive(tmp_path)
     drive.act(SetUp(make_setup()))
     drive.wait(1.5)
-    drive.faulty.fake(HANDLE, shifted(1.2))
+    drive.source.fake(HANDLE, shifted(1.2))
     drive.wait(0.5)
     drive.act(ZeroHandle())
     said = drive.check(CheckName.HANDLE_ZERO)
     assert said.startswith("failed: zero the handle again: samples span 1.")
     assert said.endswith(" N, steady up to 0.98 N")
-    drive.faulty.fake(HANDLE, shifted(14.0))
+    drive.source.fake(HANDLE, shifted(14.0))
     drive.wait(0.5)
     refused = drive.engine.perform(ZeroHandle())
     assert refused == "the handle force is not steady: let go of it, wait a second"

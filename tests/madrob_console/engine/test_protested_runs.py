@@ -49,7 +49,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.referee.run_summary import PROTEST_OPEN
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
-from tests.madrob_console.engine.deck import Deck
+from tests.madrob_console.engine.drive import Deck
 from tests.madrob_console.engine.test_amended_runs import Desk
 from tests.madrob_console.recorded_runs import completed
 from tests.recorder.samples import add_evidence, strings

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import jsonschema
@@ -23,12 +20,8 @@ from madrob_console.messages.codec import (
     REFEREE_STATE_TOPIC,
     ROBOT_FINISHED_TOPIC,
     ROBOT_STARTED_TOPIC,
-    ROBOT_TYPES,
-    decode_text,
-    describe_topic,
     encode_data,
     encode_text,
-    referee_topics,
 )
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
@@ -43,86 +36,28 @@ from madrob_console.referee.flags import other_remarks
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
 from madrob_console.ui.panes.run_status import banner
-from recorder.bag import RawMessage, Topic
 from scoring.protocol import EventName, Outcome, Step
-from tests.madrob_console.engine.deck import Deck
-from tests.madrob_console.engine.drive import make_setup, signed
-from tests.madrob_console.engine.faulty_source import FaultyDrive, FaultySource
-from tests.madrob_console.engine.spoilt import HANDLE, Fault, set_value
+from tests.madrob_console.engine.drive import Deck, FaultyDrive, make_setup, signed
+from tests.madrob_console.engine.spoilt import HANDLE, Fault
 
 TYPES = MessageTypes()
-OF_ROBOTS = {name: describe_topic(TYPES, name, kind) for name, kind in ROBOT_TYPES.items()}
 EMPTY = TYPES.encode("std_msgs/msg/Empty", TYPES.make("std_msgs/msg/Empty"))
 
 
-class TalkingSource(FaultySource):
-    """A testbed with a robot that says when it sets out."""
-
-    def topics(self) -> tuple[Topic, ...]:
-        return (*super().topics(), *OF_ROBOTS.values())
-
-    def say(self, topic: str, data: bytes, at_ns: int) -> None:
-        self._coming.append(RawMessage(topic, ROBOT_TYPES[topic], data, at_ns, at_ns))
-
-
-class Hall(FaultyDrive):
-    """A referee, a testbed whose robot speaks, and what was published."""
-
-    faulty: TalkingSource
-    SPOILT = TalkingSource
-
-    def published(self, topic: str) -> list[dict[str, Any]]:
-        said = (m.data for m in self.faulty.published if m.topic == topic)
-        return [json.loads(decode_text(TYPES, data)) for data in said]
-
-    @property
-    def start_time(self) -> float:
-        assert self.engine.run.start is not None
-        return self.engine.run.start
-
-    def answer(self, after: float) -> None:
-        """The robot's word arrives so long after the (planned) start, s."""
-        self.faulty.say(ROBOT_STARTED_TOPIC, EMPTY, round((self.start_time + after) * 1e9))
-
-    def say(self, data: bytes, after: float) -> None:
-        """The robot says this of its end, so long after the (planned) start, s."""
-        self.faulty.say(ROBOT_FINISHED_TOPIC, data, round((self.start_time + after) * 1e9))
-
-    def values(self, topic: str) -> list[float]:
-        """What was published on a topic of a standard type."""
-        (kind,) = (each.type for each in referee_topics(TYPES) if each.name == topic)
-        said = (m.data for m in self.faulty.published if m.topic == topic)
-        return [TYPES.decode(kind, data).data for data in said]
-
-
-@pytest.fixture
-def hall(tmp_path: Path) -> Iterator[Hall]:
-    hall = Hall(tmp_path)
-    yield hall
-    hall.engine.close()
-
-
-def pull_the_handle(hall: Hall) -> None:
-    hall.faulty.fake(HANDLE, partial(set_value, value=40.0))
-    hall.wait(0.3)
-    hall.faulty.heal(HANDLE)
-    hall.wait(0.3)
-
-
-def make_every_kind_of_run(hall: Hall) -> None:
+def make_every_kind_of_run(hall: FaultyDrive) -> None:
     hall.prepare(make_setup())
     hall.act(Start())
     hall.wait(0.5)
-    pull_the_handle(hall)
+    hall.touch()
     hall.act(RestartCountdown("it touched the handle"))
-    hall.answer(after=0.25)
-    hall.say(encode_text(TYPES, "done"), after=0.5)
+    hall.hear(ROBOT_STARTED_TOPIC, EMPTY, after=0.25)
+    hall.hear(ROBOT_FINISHED_TOPIC, encode_text(TYPES, "done"), after=0.5)
     hall.finish()
     hall.act(signed(hall.engine.snapshot()), Void("a person in the way"))
     hall.prepare(make_setup(run_number=2))
     hall.act(Start())
     hall.wait(0.5)
-    pull_the_handle(hall)
+    hall.touch()
     hall.act(AcceptFalseStart("it stood still again"))
     hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
     hall.act(Abort("robot unsafe"))
@@ -130,12 +65,12 @@ def make_every_kind_of_run(hall: Hall) -> None:
     hall.prepare(make_setup(run_number=3, timeout=5.0))
     hall.act(Start())
     hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
-    hall.faulty.spoil(HANDLE, Fault.DIES)
+    hall.source.spoil(HANDLE, Fault.DIES)
     hall.finish()
 
 
 def test_all_that_is_published_in_any_phase_is_as_the_schemas_say(
-    hall: Hall, capsys: pytest.CaptureFixture[str]
+    hall: FaultyDrive, capsys: pytest.CaptureFixture[str]
 ) -> None:
     make_every_kind_of_run(hall)
     published = {
@@ -180,19 +115,19 @@ def test_a_line_that_is_not_published_breaks_the_schema(spoilt: dict[str, Any]) 
         jsonschema.validate({**line, "details": details, **spoilt}, event_schema())
 
 
-def test_the_schema_of_the_state_has_the_keys_of_the_state_alone(hall: Hall) -> None:
+def test_the_schema_of_the_state_has_the_keys_of_the_state_alone(hall: FaultyDrive) -> None:
     (state, *_) = hall.published(REFEREE_STATE_TOPIC)
     jsonschema.validate(state, state_schema())
     (part,) = (p for p in state_schema()["$defs"].values() if "properties" in p)
     assert part["required"] == list(part["properties"]) == list(state)
 
 
-def test_a_result_says_that_the_robot_answered_to_the_start_and_when(hall: Hall) -> None:
+def test_a_result_says_that_the_robot_answered_to_the_start_and_when(hall: FaultyDrive) -> None:
     hall.prepare(make_setup())
     hall.act(Start())
-    hall.answer(after=-0.5)  # no answer: it has not started yet
+    hall.hear(ROBOT_STARTED_TOPIC, EMPTY, after=-0.5)  # no answer: it has not started yet
     for after in (0.031, 1.5):
-        hall.answer(after)
+        hall.hear(ROBOT_STARTED_TOPIC, EMPTY, after=after)
     hall.finish()
     start, folder = hall.start_time, hall.folder
     result = json.loads((folder / "result.json").read_text())
@@ -214,36 +149,38 @@ def test_a_result_says_that_the_robot_answered_to_the_start_and_when(hall: Hall)
     assert replayed.replay.view(replayed.scored.result).agrees
 
 
-def test_standard_types_say_whether_the_run_goes_on_how_long_and_the_level(hall: Hall) -> None:
-    assert (hall.values(REFEREE_RUNNING_TOPIC), hall.values(REFEREE_LEVEL_TOPIC)) == ([], [])
+def test_standard_types_say_whether_the_run_goes_on_how_long_and_the_level(
+    hall: FaultyDrive,
+) -> None:
+    assert (hall.published(REFEREE_RUNNING_TOPIC), hall.published(REFEREE_LEVEL_TOPIC)) == ([], [])
     hall.wait(0.1)
-    assert hall.values(REFEREE_RUNNING_TOPIC) == [False]
+    assert hall.published(REFEREE_RUNNING_TOPIC) == [False]
     hall.whole_run(make_setup())
     hall.wait(2.0)
-    assert hall.values(REFEREE_RUNNING_TOPIC) == [False, False, True, False]
-    assert hall.values(REFEREE_LEVEL_TOPIC) == [0, 0, 1, 3, 4, 5, 6]
-    elapsed = hall.values(REFEREE_ELAPSED_TOPIC)
+    assert hall.published(REFEREE_RUNNING_TOPIC) == [False, False, True, False]
+    assert hall.published(REFEREE_LEVEL_TOPIC) == [0, 0, 1, 3, 4, 5, 6]
+    elapsed = hall.published(REFEREE_ELAPSED_TOPIC)
     assert elapsed == [n / 10 for n in range(len(elapsed))]
     stopped = hall.published(REFEREE_EVENT_TOPIC)
     (decided,) = (e["time"] for e in stopped if e["what"] == Change.RUN_STOPS)
     assert elapsed[-1] == pytest.approx(decided - hall.start_time, abs=0.15)
     for topic in (REFEREE_RUNNING_TOPIC, REFEREE_ELAPSED_TOPIC, REFEREE_LEVEL_TOPIC):
-        said = [m.data for m in hall.faulty.published if m.topic == topic]
+        said = [m.data for m in hall.source.published if m.topic == topic]
         before = int(topic != REFEREE_ELAPSED_TOPIC)  # the engine's first ones
         assert hall.recorded(topic) == said[before:]
     hall.act(Rule(Step.LOCK, confirmed=False, reason="it was not locked"))
     hall.wait(2.0)
-    assert hall.values(REFEREE_LEVEL_TOPIC)[-1] == 5  # as the result that was written anew
+    assert hall.published(REFEREE_LEVEL_TOPIC)[-1] == 5  # as the result that was written anew
     hall.prepare(make_setup(run_number=2))
-    assert hall.values(REFEREE_LEVEL_TOPIC)[-1] == 0
+    assert hall.published(REFEREE_LEVEL_TOPIC)[-1] == 0
 
 
-def test_the_robot_says_that_it_is_finished_and_the_referee_decides(hall: Hall) -> None:
+def test_the_robot_says_that_it_is_finished_and_the_referee_decides(hall: FaultyDrive) -> None:
     hall.prepare(make_setup(timeout=20.0))
     hall.act(Start())
-    hall.say(encode_text(TYPES, "too early"), after=-0.5)
+    hall.hear(ROBOT_FINISHED_TOPIC, encode_text(TYPES, "too early"), after=-0.5)
     for after in (0.5, 0.6):
-        hall.say(encode_text(TYPES, "\x1b[31mI gave\nup" + "p" * 100), after)
+        hall.hear(ROBOT_FINISHED_TOPIC, encode_text(TYPES, "\x1b[31mI gave\nup" + "p" * 100), after)
     hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
     hall.wait(1.0)
     words = "I gave up" + "p" * 51
@@ -265,14 +202,16 @@ def test_the_robot_says_that_it_is_finished_and_the_referee_decides(hall: Hall) 
     assert replayed.replay.view(replayed.scored.result).agrees
 
 
-def test_no_robot_can_flood_the_journal_or_say_what_cannot_be_read(hall: Hall) -> None:
+def test_no_robot_can_flood_the_journal_or_say_what_cannot_be_read(hall: FaultyDrive) -> None:
     hall.prepare(make_setup(timeout=20.0))
     hall.act(Start())
-    hall.say(encode_text(TYPES, "x" * LARGEST_WORDS), after=0.1)
-    hall.say(b"\x00\x01", after=0.2)
-    hall.say(encode_data(TYPES, "std_msgs/msg/Int32", -1), after=0.3)
+    hall.hear(ROBOT_FINISHED_TOPIC, encode_text(TYPES, "x" * LARGEST_WORDS), after=0.1)
+    hall.hear(ROBOT_FINISHED_TOPIC, b"\x00\x01", after=0.2)
+    hall.hear(ROBOT_FINISHED_TOPIC, encode_data(TYPES, "std_msgs/msg/Int32", -1), after=0.3)
     for number in range(1000):
-        hall.say(encode_text(TYPES, f"word {number}"), after=0.4 + number / 1000)
+        hall.hear(
+            ROBOT_FINISHED_TOPIC, encode_text(TYPES, f"word {number}"), after=0.4 + number / 1000
+        )
     hall.finish()
     told = [e for e in hall.published(REFEREE_EVENT_TOPIC) if e["what"] == Change.ROBOT_SAYS]
     assert [e["reason"] for e in told] == ["finished", *(f"word {n}" for n in range(19))]

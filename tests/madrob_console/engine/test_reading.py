@@ -26,7 +26,7 @@ from madrob_console.referee.journal import read_journal
 from madrob_console.referee.lists import TeamList, TeamSource
 from madrob_console.referee.records import CheckName, RunSetup
 from scoring.protocol import Outcome
-from tests.madrob_console.engine.drive import Drive, OfficialDrive, Rehearsal, make_setup
+from tests.madrob_console.engine.drive import Drive, FaultyDrive, OfficialDrive, make_setup
 from tests.watching import until
 
 
@@ -103,7 +103,7 @@ def test_the_lists_are_there_before_the_engine_goes_on_and_are_followed(tmp_path
 REASON = "renamed since"
 
 
-def test_the_engine_takes_no_name_beside_the_list_without_a_reason(hall: Rehearsal) -> None:
+def test_the_engine_takes_no_name_beside_the_list_without_a_reason(hall: FaultyDrive) -> None:
     setup = make_setup()
     hall.act(SetUp(setup))  # no list: names are free
     teams = TeamList({setup.subject: "Delft Walkers"})
@@ -134,7 +134,7 @@ def test_the_reason_for_another_name_stands_with_the_run(drive: Drive, tmp_path:
     assert (team.team, team.other_names) == ("Delft Walkers", ("Runners",))
 
 
-def team_check(hall: Rehearsal) -> CheckState | None:
+def team_check(hall: FaultyDrive) -> CheckState | None:
     checks = hall.engine.snapshot().checks
     return next((check.state for check in checks if check.name is CheckName.TEAM), None)
 
@@ -155,7 +155,7 @@ NINE = replace(make_setup(timeout=1.0), subject=9, team="")
     ids=["no team of the list", "out of plan"],
 )
 def test_an_official_run_of_nobody_or_out_of_plan_starts_only_waived(
-    hall: Rehearsal, setup: RunSetup, words: str
+    hall: FaultyDrive, setup: RunSetup, words: str
 ) -> None:
     hall.engine.set_teams(TeamList({3: "Delft Walkers"}))
     hall.prepare(setup)
@@ -221,7 +221,7 @@ def test_what_differs_from_the_settings_is_said_before_the_start(tmp_path: Path)
 
 @pytest.mark.parametrize("waive", [None, "a guest"])
 def test_a_run_without_screens_waits_for_no_team_and_takes_the_waiver(
-    hall: Rehearsal, monkeypatch: pytest.MonkeyPatch, waive: str | None
+    hall: FaultyDrive, monkeypatch: pytest.MonkeyPatch, waive: str | None
 ) -> None:
     monkeypatch.setattr(hall.engine, "open", lambda: None)  # it is open
     hall.engine.set_teams(TeamList({3: "Delft Walkers"}))
@@ -235,7 +235,7 @@ def test_a_run_without_screens_waits_for_no_team_and_takes_the_waiver(
         assert go() is Outcome.TIMEOUT
 
 
-def test_the_list_counts_as_it_is_now_and_practice_needs_no_team(hall: Rehearsal) -> None:
+def test_the_list_counts_as_it_is_now_and_practice_needs_no_team(hall: FaultyDrive) -> None:
     without, having = TeamList({3: "Delft Walkers"}), TeamList({3: "Delft Walkers", 9: "Ghent"})
     hall.prepare(NINE)
     assert team_check(hall) is None  # a competition without a list

@@ -34,8 +34,7 @@ from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Step
-from tests.madrob_console.engine.deck import Deck
-from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.drive import Deck, make_setup
 from tests.madrob_console.recorded_runs import INCIDENT_AT, STOP_AT, appealed, without_digests
 from tests.slowly import slow_but_for
 
