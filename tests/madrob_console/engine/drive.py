@@ -70,6 +70,7 @@ from tests.madrob_console.engine.spoilt import (
 )
 from tests.madrob_console.robots import Played, any_testbed
 from tests.watching import until
+from madrob_console.archive.check import EQUAL
 
 EPOCH_NS = 1_700_000_000_000_000_000
 STEP = 0.02
@@ -177,6 +178,18 @@ class Drive:
 
     def finish(self) -> None:
         self.wait_until(lambda: self.engine.scored is not None)
+
+
+    def same_everywhere(self) -> Result:
+        """The result, waited for; the run scored again and replayed has the same one."""
+        self.finish()
+        result = next(score(self.folder)).result
+        assert self.engine.scored is not None
+        assert result == self.engine.scored.result
+        deck = Deck(self.folder, speed=0.0)
+        deck.to_the_end()
+        assert (deck.at.comparison, deck.at.agrees) == (EQUAL, True)
+        return result
 
     def scored(self) -> Scored:
         """The scored run with its data, as its report is made from it."""

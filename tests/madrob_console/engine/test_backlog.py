@@ -11,7 +11,7 @@ from madrob_console.referee.acts import Abort, DeclareTimeout, Start
 from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Signal
-from tests.madrob_console.engine.drive import STEP, TIMEOUT, Deck, Drive, FaultyDrive, make_setup
+from tests.madrob_console.engine.drive import STEP, TIMEOUT, Drive, FaultyDrive, make_setup
 
 
 class Looking:
@@ -153,7 +153,4 @@ def test_what_waited_when_the_recording_began_is_judged_in_a_replay_too(tmp_path
     drive.prepare(make_setup())
     drive.clock.sleep(0.24)  # so long nothing is taken by a busy machine: twelve samples
     drive.act(Start())
-    drive.finish()
-    deck = Deck(drive.folder, speed=0.0)
-    deck.to_the_end()
-    assert deck.at.agrees
+    drive.same_everywhere()

@@ -28,7 +28,7 @@ from madrob_console.testbeds.source import Announcement
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Signal
 from scoring.result import Result
-from tests.madrob_console.engine.drive import Deck, Drive, FaultyDrive, make_setup
+from tests.madrob_console.engine.drive import Drive, FaultyDrive, make_setup
 from tests.madrob_console.engine.machine_time import Machine
 from tests.madrob_console.engine.spoilt import HANDLE, Edit, Fault, shift_stamp
 from tests.slowly import slow_but_for
@@ -378,11 +378,7 @@ def test_a_run_that_was_set_up_before_the_simulation_began_anew_is_replayed_the_
     drive.engine.step(0.02)
     drive.wait(3.0)
     drive.act(Start())
-    drive.finish()
-    assert drive.engine.run.outcome is Outcome.COMPLETED
-    deck = Deck(drive.folder, speed=0.0)
-    deck.to_the_end()
-    assert deck.at.agrees
+    assert drive.same_everywhere().outcome is Outcome.COMPLETED
 
 
 @pytest.mark.parametrize(
@@ -404,28 +400,26 @@ def test_a_run_that_was_set_up_before_the_simulation_began_anew_is_replayed_the_
     ],
 )
 def test_stamps_of_another_clock_are_named_first_with_what_to_do_and_cannot_be_waived(
-    off: float, clock: float | None, words: str, tmp_path: Path
+    off: float, clock: float | None, words: str, hall: FaultyDrive
 ) -> None:
-    drive = FaultyDrive(tmp_path)
-    drive.source.announcement = Announcement(simulated_time=clock)
-    shift_stamps(drive, [off])
-    drive.set_up()
-    assert drive.check(CheckName.CLOCK) == f"failed: {words}"
-    assert drive.engine.perform(Start()) == f"{words} (and 1 more)"
-    refused = drive.engine.perform(Waive(CheckName.CLOCK, "looks fine"))
+    hall.source.announcement = Announcement(simulated_time=clock)
+    shift_stamps(hall, [off])
+    hall.set_up()
+    assert hall.check(CheckName.CLOCK) == f"failed: {words}"
+    assert hall.engine.perform(Start()) == f"{words} (and 1 more)"
+    refused = hall.engine.perform(Waive(CheckName.CLOCK, "looks fine"))
     assert refused == f"the check 'clock skew' cannot be waived: {words}"
-    shift_stamps(drive, [0.0])
-    drive.wait(2.1)
-    drive.act(Start())
+    shift_stamps(hall, [0.0])
+    hall.wait(2.1)
+    hall.act(Start())
 
 
-def test_a_wild_stamp_now_and_then_is_of_no_other_clock(tmp_path: Path) -> None:
-    drive = FaultyDrive(tmp_path)
-    shift_stamps(drive, [0.0, 1000.0])
-    drive.source.spoil(HANDLE, Fault.ZERO_STAMPS)
-    drive.set_up()
-    assert drive.check(CheckName.CLOCK).startswith("failed: set the clocks: stamps differ by 100")
-    drive.act(Waive(CheckName.CLOCK, "known testbed fault"))
+def test_a_wild_stamp_now_and_then_is_of_no_other_clock(hall: FaultyDrive) -> None:
+    shift_stamps(hall, [0.0, 1000.0])
+    hall.source.spoil(HANDLE, Fault.ZERO_STAMPS)
+    hall.set_up()
+    assert hall.check(CheckName.CLOCK).startswith("failed: set the clocks: stamps differ by 100")
+    hall.act(Waive(CheckName.CLOCK, "known testbed fault"))
 
 
 def shift_stamps(drive: FaultyDrive, off: Sequence[float]) -> None:

@@ -38,7 +38,6 @@ from madrob_console.engine.ipc.engine_lock import (
     connect_to,
     holder_in,
     listen_as,
-    lock_results,
     owned_by,
     state_folder,
 )
@@ -176,16 +175,6 @@ def test_callers_that_say_nothing_keep_no_other_out(owned: Owned) -> None:
 # ------------------------------------------------------------------ locks
 
 
-def test_a_second_engine_of_the_same_testbed_is_told_of_the_first(owned: Owned) -> None:
-    with answering(owned), pytest.raises(HeldError) as told, held(owned):
-        pass
-    assert told.value.same
-    assert f"(SIMULATED nominal, pid {os.getpid()}, since " in str(told.value)
-    assert f"`madrob engine stop --pid {os.getpid()}` ends it" in str(told.value)
-    with held(owned):
-        pass  # nothing is left of the first
-
-
 def test_a_results_folder_is_one_folder_by_whatever_path(owned: Owned, tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "runs")
@@ -219,39 +208,27 @@ def test_a_folder_that_another_machine_records_to_is_refused(owned: Owned, tmp_p
         assert holder_in(tmp_path / "runs" / LOCK_FILE).pid == os.getpid()
 
 
-def no_locks(_folder: Path) -> int:
-    raise OSError(37, "No locks available")
-
-
 def test_without_locks_an_engine_is_kept_off_by_those_that_are_found(
     owned: Owned, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(discovery, "lock_results", no_locks)
+    thaw = threading.Event()
+
+    def hangs(_folder: Path) -> int:
+        assert thaw.wait(50.0)
+        raise OSError(37, "No locks available")
+
+    monkeypatch.setattr(discovery, "lock_results", hangs)
+    with monkeypatch.context() as patched:
+        patched.setattr(discovery, "_LOCKING_TIME", 0.05)
+        with held(owned) as hung:
+            assert "it does not answer: other engines are not kept off" in str(hung.remarks)
+    thaw.set()
     with held(owned) as got:
         (remark,) = got.remarks
         assert "No locks available: other engines are not kept off " in remark
     other = owned_by(SourceKind.SIMULATED, "another", results=owned.results)
     with answering(owned), pytest.raises(HeldError, match="an engine already"), held(other):
         pass
-
-
-def test_a_results_folder_that_does_not_answer_holds_up_no_engine(
-    owned: Owned, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(discovery, "_LOCKING_TIME", 0.05)
-    thaw = threading.Event()
-
-    def hangs(folder: Path) -> int:
-        assert thaw.wait(50.0)
-        return lock_results(folder)
-
-    monkeypatch.setattr(discovery, "lock_results", hangs)
-    try:
-        with held(owned) as holds:
-            (remark,) = holds.remarks
-            assert "it does not answer: other engines are not kept off" in remark
-    finally:
-        thaw.set()
 
 
 SECOND_USER = """
@@ -299,21 +276,19 @@ def test_a_results_folder_of_two_users_has_one_engine_and_the_second_is_told_who
             assert got.remarks == ()
 
 
-def no_access(_folder: Path) -> int:
-    raise PermissionError(13, "Permission denied")
-
-
 def test_a_folder_whose_lock_cannot_be_opened_is_refused(
     owned: Owned, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whether another user's engine has the folder cannot be seen."""
     with held(owned):
         pass
-    monkeypatch.setattr(discovery, "lock_results", no_access)
-    with (
-        pytest.raises(HeldError, match="is another user's: delete it, or use another"),
-        held(owned),
-    ):
+
+    def refuses(_folder: Path) -> int:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(discovery, "lock_results", refuses)
+    words = "is another user's: delete it, or use another"
+    with pytest.raises(HeldError, match=words), held(owned):
         pass
 
 
@@ -372,11 +347,13 @@ DOMAIN = 101 + os.getpid() % 100
 def test_a_domain_has_one_engine_also_when_the_first_one_does_not_answer_yet(
     tmp_path: Path,
 ) -> None:
-    one, two = (owned_by(SourceKind.ROS, DOMAIN, results=tmp_path / name) for name in "ab")
+    first, second = (owned_by(SourceKind.ROS, DOMAIN, results=tmp_path / name) for name in "ab")
     words = f"ROS domain {DOMAIN} has an engine already"
-    with held(one), pytest.raises(HeldError, match=words) as told, held(two):
+    with held(first), pytest.raises(HeldError, match=words) as told, held(second):
         pass
     assert told.value.same
+    with held(second):
+        pass  # nothing is left of the first
 
 
 def test_a_second_engine_in_a_ros_domain_is_told_of_the_first(

@@ -14,9 +14,6 @@ from madrob_console.archive.check import check_run
 from madrob_console.archive.folders import JOURNAL_FILE, RunPath
 from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import score_opened
-from madrob_console.engine.core.acting import DURABLE_WITHIN
-from madrob_console.messages.codec import REFEREE_STATE_TOPIC, decode_text
-from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
     Abort,
     Act,
@@ -37,57 +34,22 @@ from madrob_console.referee.acts import (
     Void,
     WithdrawProtest,
 )
-from madrob_console.referee.journal import Entry, read_journal
+from madrob_console.referee.journal import read_journal
 from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import DecisionKind, IncidentKind, ProtestEnd, TeamWord
-from madrob_console.referee.run import Phase, Run
-from madrob_console.testbeds.simulated import Scenario
-from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Side, Step
-from tests.madrob_console.engine.drive import PULL, STEP, Drive, make_setup
-from tests.madrob_console.engine.held_disk import HeldDisk
+from tests.madrob_console.engine.drive import PULL, STEP, make_setup
+from tests.madrob_console.engine.held_disk import HeldDrive
 
 SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")
 FILED = FileProtest("it was slower", "Delft")
 TOO_LONG = "the disk did not take it within 2 s: it is withdrawn"
-TYPES = MessageTypes()
 
 
-class HeardSource(SimulatedSource):
-    """Keeps what robot and testbed are told of the phase."""
-
-    phases: tuple[str, ...] = ()
-
-    def publish(self, message: RawMessage) -> None:
-        if message.topic == REFEREE_STATE_TOPIC:
-            self.phases += (json.loads(decode_text(TYPES, message.data))["phase"],)
-        super().publish(message)
-
-
-class Hall(Drive):
-    """A referee, a robot that does nothing, and a disk that can be held."""
-
-    SOURCE = HeardSource
-    source: HeardSource
-
-    def __init__(self, results: Path) -> None:
-        self.disk = HeldDisk()
-        self.told: list[str | None] = []
-        super().__init__(results, Scenario.NO_TOUCH, disk=self.disk.threads())
-
-    def submit(self, act: Act, name: str = "") -> None:
-        self.engine.submit(act, self.told.append, id=name)
-
-    def pass_time(self, duration: float) -> None:
-        """Steps of the engine, with the machine's clock beside its own."""
-        end = self.engine.now() + duration
-        while (before := self.engine.now()) < end:
-            self.engine.step(STEP)
-            self.disk.now += self.engine.now() - before
-
-    def too_long(self) -> None:
-        self.pass_time(DURABLE_WITHIN + 2 * STEP)
+class Hall(HeldDrive):
+    """It can be brought to any phase."""
 
     def bring_to(self, phase: Phase) -> None:
         """A run that goes on so far; a fall is noted in it."""
@@ -102,13 +64,6 @@ class Hall(Drive):
         self.finish()
         if phase is Phase.FINAL:
             self.act(SIGNED)
-
-    def lines(self) -> list[Entry]:
-        return list(read_journal(self.folder / JOURNAL_FILE)[0])
-
-    def told_by_journal(self) -> Run:
-        run = self.engine.run
-        return rebuild(self.lines(), run.handle_zero, run.zero_samples)
 
 
 @pytest.fixture
@@ -196,13 +151,13 @@ def test_what_waits_for_the_disk_is_done_once_it_is_there_or_refused_and_never_c
         hall.act(FILED)
     hall.pass_time(1.0)
     for disk in IN_VAIN[: 3 if hall.engine.run.active else 4]:
-        stood, published = hall.engine.run, hall.source.phases
+        stood, published = hall.engine.run, hall.phases
         with monkeypatch.context() as patch:
             words = disk(hall, act, patch)
         hall.pass_time(2.5)
         assert [words in str(told) for told in hall.told] == [True], (disk, hall.told)
         hall.told.clear()
-        assert (hall.engine.run, hall.source.phases) == (stood, published), disk
+        assert (hall.engine.run, hall.phases) == (stood, published), disk
         never_happened(hall, act)
     hall.disk.held = True
     stood = hall.engine.run
@@ -274,13 +229,13 @@ def test_what_is_done_at_once_waits_for_no_disk_and_is_written_when_it_is_back(
 ) -> None:
     hall.bring_to(phase)
     hall.pass_time(1.0)
-    before, heard = hall.lines(), len(hall.source.phases)
+    before, heard = hall.lines(), len(hall.phases)
     hall.disk.held = True
     for act in acts:
         hall.submit(act)
     assert hall.told == [None] * len(acts)
     hall.pass_time(0.2)
-    assert hall.source.phases[heard:] == tuple(published)
+    assert hall.phases[heard:] == tuple(published)
     assert hall.engine.run.phase is Phase.STOPPED
     hall.pass_time(10.0)
     assert hall.lines() == before
@@ -348,13 +303,13 @@ def test_a_run_that_is_left_with_a_line_on_its_way_is_soon_on_disk(hall: Hall) -
 
 def test_an_abort_that_comes_with_the_disks_answer_aborts_the_countdown(hall: Hall) -> None:
     hall.bring_to(Phase.READY)
-    heard = len(hall.source.phases)
+    heard = len(hall.phases)
     hall.submit(Start())  # on disk, and nobody has told the engine yet
     hall.submit(Abort("stop"))
     hall.pass_time(STEP)
     assert hall.told == [None, None]
     assert hall.engine.run.outcome is Outcome.ABORTED
-    assert hall.source.phases[heard:] == ("countdown", "stopped")
+    assert hall.phases[heard:] == ("countdown", "stopped")
 
 
 def test_a_countdown_begins_when_its_start_is_on_disk_and_never_in_the_past(

@@ -105,17 +105,6 @@ def test_a_timeout_within_the_settle_time_waits_for_its_end(
     assert took == pytest.approx(min(needed, needed + spare), abs=1e-6)
 
 
-def test_checks_stand_in_the_way_until_they_are_waived(drive: Drive) -> None:
-    drive.act(SetUp(make_setup()))
-    states = {c.name: c.state for c in drive.engine.snapshot().checks}
-    assert states[CheckName.DOOR] is CheckState.NO_DATA
-    drive.wait(1.5)
-    said = "zero the handle: not yet done since the engine started"
-    assert str(drive.engine.perform(Start())).startswith(said)
-    drive.act(Waive(CheckName.HANDLE, "spring is warm"), ConfirmPose(), Start())
-    drive.give_up()
-    remarks = document(drive.folder)["quality"]["remarks"]
-    assert "check waived: handle at rest: spring is warm" in remarks
 
 
 def test_the_referee_can_stop_a_run_that_only_he_can_judge(drive: Drive) -> None:

@@ -39,11 +39,6 @@ JUNK = r"\d+ of \d+ messages: not a (sensor|geometry)_msgs/msg/"
 LARGE = r"\d+ of \d+ messages: 40\d+ bytes, not read above \d+"
 
 
-@pytest.fixture
-def drive(tmp_path: Path) -> Iterator[FaultyDrive]:
-    drive = FaultyDrive(tmp_path)
-    yield drive
-    drive.engine.close()
 
 
 class Case(NamedTuple):
@@ -110,24 +105,24 @@ def in_every_run(topic: str, case: Case) -> object:
 
 @pytest.mark.parametrize(("topic", "case"), TABLE, ids=name_of)
 def test_before_the_start_a_fault_fails_a_check_within_2_s_that_names_it(
-    drive: FaultyDrive, topic: str, case: Case
+    hall: FaultyDrive, topic: str, case: Case
 ) -> None:
-    drive.set_up()
-    assert drive.check(CheckName.TOPICS) == "ok: all live and at their rates"
-    drive.source.spoil(topic, case.fault)
+    hall.set_up()
+    assert hall.check(CheckName.TOPICS) == "ok: all live and at their rates"
+    hall.source.spoil(topic, case.fault)
     words = f"^failed: {SIGNALS[topic].value}: .*({case.words})"
-    assert drive.seen_after(lambda: drive.check(CheckName.TOPICS), words) <= 2.0
-    assert SIGNALS[topic].value in str(drive.engine.perform(Start()))
+    assert hall.seen_after(lambda: hall.check(CheckName.TOPICS), words) <= 2.0
+    assert SIGNALS[topic].value in str(hall.engine.perform(Start()))
 
 
 @pytest.mark.parametrize(("topic", "case"), [in_every_run(*row) for row in TABLE], ids=name_of)
 def test_a_fault_in_a_run_is_named_within_2_s_recorded_marked_and_blocks_no_stop(
-    drive: FaultyDrive, topic: str, case: Case
+    hall: FaultyDrive, topic: str, case: Case
 ) -> None:
     name = SIGNALS[topic].value
-    drive.spoilt_run(topic, case.fault)
-    assert drive.seen_after(drive.faults, f"{name}: .*({case.words})") <= 2.0
-    result, run = drive.result(), drive.engine.run
+    hall.spoilt_run(topic, case.fault)
+    assert hall.seen_after(hall.faults, f"{name}: .*({case.words})") <= 2.0
+    result, run = hall.result(), hall.engine.run
     if topic in case.stopping:
         assert (run.outcome, run.stop) == (Outcome.TIMEOUT, result.start + TIMEOUT)
     else:
@@ -137,14 +132,14 @@ def test_a_fault_in_a_run_is_named_within_2_s_recorded_marked_and_blocks_no_stop
     assert re.search(rf"fault at [34]\.\d s: {name}: .*({case.words})", told)
     assert len(result.quality.remarks) < 35
     if case.fault is Fault.OTHER_TYPE:  # no bag holds two types on one topic
-        lost = len(drive.handed(topic)) - len(drive.recorded(topic))
+        lost = len(hall.handed(topic)) - len(hall.recorded(topic))
         assert f"{topic}: {lost} messages are not in the recording" in result.quality.remarks
-        again = drive.rescored()
+        again = hall.rescored()
         assert (again.indicators, again.events) == (result.indicators, result.events)
         assert run.unrecorded == 0  # nothing of it was scored
     else:
-        assert drive.recorded(topic) == drive.handed(topic)
-        assert drive.rescored() == result
+        assert hall.recorded(topic) == hall.handed(topic)
+        assert hall.rescored() == result
 
 
 @pytest.mark.parametrize(
@@ -182,9 +177,9 @@ def test_troubles_at_the_same_time_and_again_on_the_same_topics_are_one_fault(
     assert [fault.time for fault in begun] == [fault.time for fault in faults.all()]
 
 
-def stutter(drive: FaultyDrive, seed: int) -> None:
+def stutter(hall: FaultyDrive, seed: int) -> None:
     """From now on all comes late at times, or at once after a while; nothing overtakes."""
-    chance, begin, newest = Random(seed), drive.clock.now_ns(), 0
+    chance, begin, newest = Random(seed), hall.clock.now_ns(), 0
     held = [(begin + chance.randrange(12 * SECOND), chance.randrange(SECOND)) for _ in range(3)]
     slow = [begin + chance.randrange(12 * SECOND) for _ in range(2)]
 
@@ -195,22 +190,22 @@ def stutter(drive: FaultyDrive, seed: int) -> None:
         newest = max(newest, late, *ends)
         return newest
 
-    drive.source.deliver(come)
+    hall.source.deliver(come)
 
 
 @pytest.mark.parametrize("seed", slow_but_for(range(1, 13), 1, 4))
-def test_on_a_machine_that_stutters_no_clean_run_is_flagged(drive: FaultyDrive, seed: int) -> None:
+def test_on_a_machine_that_stutters_no_clean_run_is_flagged(hall: FaultyDrive, seed: int) -> None:
     condition = Condition.from_number(1 + 5 * (seed % 4))  # no force
-    drive.prepare(make_setup(condition, countdown=1.0))
-    drive.act(Start())
-    stutter(drive, seed)
-    result, run = drive.result(), drive.engine.run
+    hall.prepare(make_setup(condition, countdown=1.0))
+    hall.act(Start())
+    stutter(hall, seed)
+    result, run = hall.result(), hall.engine.run
     assert result.outcome is Outcome.COMPLETED
-    assert serious(drive.engine.snapshot().flags) == (), result.doubts
+    assert serious(hall.engine.snapshot().flags) == (), result.doubts
     kinds = [fault.kind for fault in run.faults]
     assert FaultKind.SKEW in kinds
     assert len(kinds) == len({*kinds})
-    assert drive.rescored() == result
+    assert hall.rescored() == result
 
 
 @pytest.mark.parametrize(
@@ -222,87 +217,87 @@ def test_on_a_machine_that_stutters_no_clean_run_is_flagged(drive: FaultyDrive, 
     ],
 )
 def test_a_topic_that_was_silent_is_flagged_once_whatever_is_doubted(
-    drive: FaultyDrive, topics: Sequence[str], begin: float, lasts: float, words: str, doubted: bool
+    hall: FaultyDrive, topics: Sequence[str], begin: float, lasts: float, words: str, doubted: bool
 ) -> None:
-    drive.set_up()
-    drive.begin()
-    drive.wait(begin)
+    hall.set_up()
+    hall.begin()
+    hall.wait(begin)
     for topic in topics:
-        drive.source.spoil(topic, Fault.DIES)
-    drive.wait(lasts)
+        hall.source.spoil(topic, Fault.DIES)
+    hall.wait(lasts)
     for topic in topics:
-        drive.source.heal(topic)
-    result = drive.result()
-    heavy = serious(drive.engine.snapshot().flags)
+        hall.source.heal(topic)
+    result = hall.result()
+    heavy = serious(hall.engine.snapshot().flags)
     (lost,) = [flag for flag in heavy if flag.kind is FlagKind.FAULT]
     assert re.fullmatch(rf"{words}: no sample for {lasts:.0f}\.\d s", lost.words)
     assert bool(undecided(heavy)) is bool(result.doubts) is doubted
-    (fault,) = drive.engine.run.faults
+    (fault,) = hall.engine.run.faults
     assert re.fullmatch(rf"{words}: silent for [12]\.\d s", fault.text)
-    assert drive.rescored() == result
+    assert hall.rescored() == result
 
 
 @pytest.mark.slow
-def test_the_last_good_value_is_not_shown_for_one_that_cannot_be_read(drive: FaultyDrive) -> None:
-    drive.set_up()
+def test_the_last_good_value_is_not_shown_for_one_that_cannot_be_read(hall: FaultyDrive) -> None:
+    hall.set_up()
     for topic, fault in ((DOOR, Fault.NAN), (HANDLE, Fault.PLUS_INFINITY), (STRIP, Fault.EMPTY)):
-        drive.source.spoil(topic, fault)
-    drive.wait(0.6)
-    shown = drive.engine.snapshot()
+        hall.source.spoil(topic, fault)
+    hall.wait(0.6)
+    shown = hall.engine.snapshot()
     assert (shown.door.angle, shown.door.is_open, shown.handle.force) == (None, None, None)
     unknown = {(s.side, s.index) for s in shown.passage if s.occupied is None}
     assert unknown == {("cw", index) for index in range(4)}
     for name in (CheckName.DOOR, CheckName.HANDLE, CheckName.DOORWAY):
-        assert drive.check(name).startswith("no data")
-    assert drive.engine.perform(ZeroHandle()) == "no handle force comes now"
+        assert hall.check(name).startswith("no data")
+    assert hall.engine.perform(ZeroHandle()) == "no handle force comes now"
 
 
 @pytest.mark.slow
 def test_a_second_referee_is_named_and_blocks_a_start_until_it_is_waived(
-    drive: FaultyDrive,
+    hall: FaultyDrive,
 ) -> None:
-    drive.set_up()
-    assert drive.check(CheckName.REFEREE).startswith("ok: none")
+    hall.set_up()
+    assert hall.check(CheckName.REFEREE).startswith("ok: none")
     words = "/madrob/console_hall_4711_0a1b2c (pid 4711 on hall) publishes the state"
-    drive.source.other_referee = words
-    assert drive.check(CheckName.REFEREE) == f"failed: {words}"
-    assert drive.faults() == f"another referee: {words}"
-    assert drive.engine.perform(Start()) == words
-    drive.act(Waive(CheckName.REFEREE, "it is a spare and watches"))
-    drive.begin()
-    drive.wait(3.0)
-    drive.source.other_referee = None
-    drive.wait(1.0)
-    assert drive.faults() == ""
-    quality = drive.result().quality
+    hall.source.other_referee = words
+    assert hall.check(CheckName.REFEREE) == f"failed: {words}"
+    assert hall.faults() == f"another referee: {words}"
+    assert hall.engine.perform(Start()) == words
+    hall.act(Waive(CheckName.REFEREE, "it is a spare and watches"))
+    hall.begin()
+    hall.wait(3.0)
+    hall.source.other_referee = None
+    hall.wait(1.0)
+    assert hall.faults() == ""
+    quality = hall.result().quality
     (told,) = [line for line in quality.remarks if "hall" in line and line.startswith("fault at")]
     assert told.endswith(f"/madrob/referee/state: {words}")
-    assert worst(drive.engine.snapshot().flags) is FlagWeight.CAUTION
-    assert drive.rescored().quality == quality
+    assert worst(hall.engine.snapshot().flags) is FlagWeight.CAUTION
+    assert hall.rescored().quality == quality
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("topic", [DOOR, HANDLE, STRIP])
 def test_numbers_at_the_end_of_what_a_float_holds_break_nothing(
-    drive: FaultyDrive, topic: str
+    hall: FaultyDrive, topic: str
 ) -> None:
-    drive.spoilt_run(topic, Fault.ENORMOUS)
-    result = drive.result()
-    assert drive.recorded(topic) == drive.handed(topic)
-    assert drive.rescored() == result
-    drive.act(SetUp(make_setup(run_number=2)))
-    drive.wait(1.0)
-    refused = drive.engine.perform(ZeroHandle())
+    hall.spoilt_run(topic, Fault.ENORMOUS)
+    result = hall.result()
+    assert hall.recorded(topic) == hall.handed(topic)
+    assert hall.rescored() == result
+    hall.act(SetUp(make_setup(run_number=2)))
+    hall.wait(1.0)
+    refused = hall.engine.perform(ZeroHandle())
     assert refused == ("no handle force comes now" if topic == HANDLE else None)
 
 
 @pytest.mark.slow
 @given(st.sampled_from([DOOR, HANDLE, STRIP]), st.lists(st.binary(max_size=200), max_size=20))
 def test_whatever_bytes_come_the_engine_goes_on_and_says_so(topic: str, junk: list[bytes]) -> None:
-    drive, again = FaultyDrive(Path("no folder is needed before a start")), cycle(junk)
-    drive.source.send(topic, lambda m: [structs.replace(m, data=next(again))] if junk else [])
-    drive.wait(0.6)
-    assert SIGNALS[topic].value in drive.faults()
+    hall, again = FaultyDrive(Path("no folder is needed before a start")), cycle(junk)
+    hall.source.send(topic, lambda m: [structs.replace(m, data=next(again))] if junk else [])
+    hall.wait(0.6)
+    assert SIGNALS[topic].value in hall.faults()
 
 
 def joints_before(*names: str) -> Callable[[Message], None]:
@@ -316,15 +311,15 @@ def joints_before(*names: str) -> Callable[[Message], None]:
 
 
 def test_the_name_behind_an_index_is_looked_at_and_doubted_where_it_changes(
-    drive: FaultyDrive,
+    hall: FaultyDrive,
 ) -> None:
-    drive.source.fake(DOOR, joints_before("lock"))
-    drive.set_up()
-    drive.begin()
-    drive.wait(2.0)
-    drive.source.fake(DOOR, joints_before())
-    result = drive.result()
-    assert result == drive.rescored()
+    hall.source.fake(DOOR, joints_before("lock"))
+    hall.set_up()
+    hall.begin()
+    hall.wait(2.0)
+    hall.source.fake(DOOR, joints_before())
+    result = hall.result()
+    assert result == hall.rescored()
     one_of_two = f"{DOOR}: position[0] is 'lock', one of 2 names: use position[name=...]"
     changed = f"{DOOR}: position[0] was 'lock', then 'door': use position[name=...]"
     assert {one_of_two, changed} <= {*result.quality.remarks}
@@ -335,18 +330,18 @@ def test_the_name_behind_an_index_is_looked_at_and_doubted_where_it_changes(
 
 
 @pytest.mark.slow
-def test_a_door_that_flickers_is_told_once_and_costs_the_journal_little(drive: FaultyDrive) -> None:
-    drive.set_up()
-    drive.begin()
-    drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
+def test_a_door_that_flickers_is_told_once_and_costs_the_journal_little(hall: FaultyDrive) -> None:
+    hall.set_up()
+    hall.begin()
+    hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
     angles = cycle([0.0, 0.4])
-    drive.source.fake(DOOR, lambda message: set_value(message, next(angles)))
-    result = drive.result()
+    hall.source.fake(DOOR, lambda message: set_value(message, next(angles)))
+    result = hall.result()
     assert len(result.events) > MOST_NOTED + 100
     assert any(FLICKERS in remark for remark in result.quality.remarks)
-    lines = (drive.folder / "journal.jsonl").read_text().splitlines()
+    lines = (hall.folder / "journal.jsonl").read_text().splitlines()
     assert len(lines) < MOST_NOTED + 20
-    assert drive.rescored() == result
+    assert hall.rescored() == result
 
 
 @pytest.mark.slow
@@ -371,19 +366,19 @@ def test_a_door_that_flickers_is_told_once_and_costs_the_journal_little(drive: F
     ],
 )
 def test_what_is_up_before_the_start_fails_a_check_and_when_waived_happens_at_the_start(
-    drive: FaultyDrive, topic: str, value: float, check: CheckName, words: str, event: EventName
+    hall: FaultyDrive, topic: str, value: float, check: CheckName, words: str, event: EventName
 ) -> None:
-    drive.set_up()
-    assert drive.check(check).startswith("ok")
-    drive.source.fake(topic, lambda message: set_value(message, value))
-    assert drive.seen_after(lambda: drive.check(check), f"^failed: {words}") <= 2.0
-    assert re.match(words, str(drive.engine.perform(Start())))
-    drive.act(Waive(check, "the team knows"))
-    drive.begin()
-    drive.wait(2.0)
-    drive.source.heal(topic)
-    result = drive.result()
-    assert drive.engine.run.false_starts == ()
+    hall.set_up()
+    assert hall.check(check).startswith("ok")
+    hall.source.fake(topic, lambda message: set_value(message, value))
+    assert hall.seen_after(lambda: hall.check(check), f"^failed: {words}") <= 2.0
+    assert re.match(words, str(hall.engine.perform(Start())))
+    hall.act(Waive(check, "the team knows"))
+    hall.begin()
+    hall.wait(2.0)
+    hall.source.heal(topic)
+    result = hall.result()
+    assert hall.engine.run.false_starts == ()
     assert next(e.time for e in result.events if e.event is event) == result.start
     assert f"check waived: {check}: the team knows" in result.quality.remarks
-    assert drive.rescored() == result
+    assert hall.rescored() == result

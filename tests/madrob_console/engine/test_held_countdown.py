@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.archive.check import EQUAL
 from madrob_console.archive.collection import matches
 from madrob_console.archive.history import History
 from madrob_console.cli.session import UnattendedRun
@@ -52,18 +51,6 @@ def hold(hall: FaultyDrive) -> float:
     return left
 
 
-def same_everywhere(hall: FaultyDrive) -> None:
-    """The run is completed; scored again and replayed it is the same."""
-    hall.finish()
-    scored = hall.engine.scored
-    assert scored is not None
-    assert scored.result.outcome is Outcome.COMPLETED
-    assert next(score(hall.folder)).result == scored.result
-    deck = Deck(hall.folder)
-    deck.to_the_end()
-    assert (deck.at.comparison, deck.at.agrees) == (EQUAL, True)
-
-
 def test_while_a_false_start_waits_nothing_starts_and_accepted_it_goes_on_where_it_was(
     hall: FaultyDrive,
 ) -> None:
@@ -85,7 +72,7 @@ def test_while_a_false_start_waits_nothing_starts_and_accepted_it_goes_on_where_
     assert hall.start_time == pytest.approx(accepted + left, abs=1e-6)
     starts = [state["start_time"] for state in hall.published(REFEREE_STATE_TOPIC)]
     assert starts[-2:] == [hall.start_time] * 2
-    same_everywhere(hall)
+    assert hall.same_everywhere().outcome is Outcome.COMPLETED
     deck = Deck(hall.folder)
     deck.do(JumpTo(-left - 1.0))
     assert deck.shown.run.phase is Phase.COUNTDOWN
@@ -97,7 +84,7 @@ def test_a_countdown_that_begins_again_after_a_hold_is_whole(hall: FaultyDrive) 
     hall.wait(LONG)
     hall.act(RestartCountdown())
     assert hall.engine.snapshot().remaining == pytest.approx(2.0, abs=0.1)
-    same_everywhere(hall)
+    assert hall.same_everywhere().outcome is Outcome.COMPLETED
     assert hall.engine.run.undecided_false_start is None
 
 
@@ -132,7 +119,7 @@ def test_a_false_start_that_comes_with_the_start_holds_it(hall: FaultyDrive) -> 
     hall.wait(LONG)
     hall.act(AcceptFalseStart("nothing gained"))
     assert hall.engine.run.phase is Phase.RUNNING
-    same_everywhere(hall)
+    assert hall.same_everywhere().outcome is Outcome.COMPLETED
 
 
 def test_an_undecided_false_start_is_signed_only_by_who_knows_of_it(
@@ -147,7 +134,7 @@ def test_an_undecided_false_start_is_signed_only_by_who_knows_of_it(
     assert (run.phase, run.held) == (Phase.RUNNING, None)
     assert run.undecided_false_start is not None
     assert run.undecided_false_start.time < hall.start_time
-    same_everywhere(hall)
+    assert hall.same_everywhere().outcome is Outcome.COMPLETED
     words = "1 false start UNDECIDED (handle touched)"
 
     def flagged() -> list[str]:

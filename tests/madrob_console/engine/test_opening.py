@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
@@ -24,7 +23,7 @@ from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome, Step
 from scoring.rulesets import RulesetName
-from tests.madrob_console.engine.drive import PULL, Drive, make_setup
+from tests.madrob_console.engine.drive import PULL, Drive, document, make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.recorded_runs import completed, without_digests
 from tests.madrob_console.run_folders import summary
@@ -55,11 +54,6 @@ def cut_off(results: Path, *acts: Act) -> Path:
 
 def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
-def document(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = msgspec.json.decode((folder / "result.json").read_bytes())
-    return found
 
 
 def issued_by_other_rules(folder: Path) -> None:
@@ -131,38 +125,44 @@ def test_a_run_that_was_re_issued_while_it_was_read_is_opened_only_once_it_is_re
     drive.engine.close()
 
 
-def test_a_run_that_was_cut_off_is_found_stopped_as_interrupted_and_scored(tmp_path: Path) -> None:
-    folder = cut_off(tmp_path)
+@pytest.mark.parametrize(
+    ("acts", "outcome"),
+    [((), Outcome.INTERRUPTED), ((DeclareTimeout("gave up"),), Outcome.TIMEOUT)],
+    ids=["interrupted", "after a timeout"],
+)
+def test_a_run_that_was_cut_off_is_found_and_scored_as_it_stopped(
+    tmp_path: Path, acts: Sequence[Act], outcome: Outcome
+) -> None:
+    folder = cut_off(tmp_path, *acts)
     finished(tmp_path, run_number=2)
-    (found,) = Drive(tmp_path).engine.snapshot().unfinished
-    assert (found.folder, found.subject, found.team) == (f"practice/{folder.name}", 3, "Delft")
-    assert (found.phase, found.last_event) == (Phase.RUNNING, "door opens")
-    assert found.recorded == sum(p.stat().st_size for p in folder.glob("*.mcap")) > 0
-    words = "practice run 1 of subject 3 Delft was cut off while running, last line +"
-    assert found.words.startswith(words)
+    (unfinished,) = Drive(tmp_path).engine.snapshot().unfinished
+    assert (unfinished.folder, unfinished.phase) == (f"practice/{folder.name}", Phase.RUNNING)
+    assert unfinished.recorded == sum(p.stat().st_size for p in folder.glob("*.mcap")) > 0
+    if not acts:
+        assert unfinished.last_event == "door opens"
+        words = "practice run 1 of subject 3 Delft was cut off while running, last line +"
+        assert unfinished.words.startswith(words)
     for _ in range(2):
         with opened(folder) as drive:
-            snapshot = drive.engine.snapshot()
-            assert (snapshot.run.outcome, snapshot.unfinished) == (Outcome.INTERRUPTED, ())
-            assert 0 < (snapshot.elapsed or 0) < 10
-            assert document(folder)["outcome"] == "interrupted"
-            assert document(folder)["indicators"]["time_to_handle"]["value"] is not None
+            drive.finish()
+            shown = drive.engine.snapshot()
+            assert (shown.run.outcome, shown.unfinished) == (outcome, ())
+            assert 0 < (shown.elapsed or 0) < 10
+            stored = document(folder)
+            assert stored["outcome"] == outcome
+            assert stored["outcome_reason"] == ("gave up" if acts else shown.run.outcome_reason)
+            assert stored["indicators"]["time_to_handle"]["value"] is not None
+            assert check_run(RunPath(folder)).differences == ()
 
 
-def test_a_run_that_goes_on_in_another_console_is_neither_cut_off_nor_opened(
-    tmp_path: Path, drive: Drive
+def test_no_run_is_opened_while_one_goes_on_nor_by_two_consoles(
+    folder: Path, tmp_path: Path, drive: Drive
 ) -> None:
-    drive.start(make_setup())
-    other = Drive(tmp_path)
-    assert other.engine.snapshot().unfinished == ()
-    with pytest.raises(MadrobError, match="another console works on this run"):
-        other.open(drive.folder)
-    assert other.engine.run.phase is Phase.IDLE
-    other.engine.close()
-
-
-def test_no_run_is_opened_while_one_goes_on(folder: Path, drive: Drive) -> None:
     drive.start(make_setup(run_number=2))
+    with closing(Drive(tmp_path).engine) as other:
+        assert other.snapshot().unfinished == ()  # it was not cut off
+        with pytest.raises(MadrobError, match="another console works on this run"):
+            other.read_run(drive.folder).result()
     assert drive.open(folder) == "a run is going on"
     drive.act(Abort("enough"))
     assert drive.open(folder) == "the result of the last run is being written"
@@ -238,20 +238,6 @@ def test_a_run_that_was_never_started_is_not_asked_about_and_counts_nowhere(
     assert next_run_number(tmp_path, 3, 1) == 2
 
 
-STAYS = "run 4 of subject 3 was set up meanwhile, and stays: the history (h) opens the other one"
-
-
-def test_a_timeout_that_was_declared_counts_though_the_engine_was_killed(tmp_path: Path) -> None:
-    folder = cut_off(tmp_path, DeclareTimeout("gave up"))
-    drive = Drive(tmp_path)
-    assert drive.open(folder) is None
-    drive.wait_until(lambda: drive.engine.scored is not None)
-    run = drive.engine.run
-    assert (run.outcome, run.outcome_reason) == (Outcome.TIMEOUT, "gave up")
-    assert document(folder)["outcome"] == Outcome.TIMEOUT
-    assert check_run(RunPath(folder)).differences == ()
-
-
 @pytest.mark.parametrize("set_up_before", [False, True])
 def test_a_run_that_is_set_up_while_another_one_is_opened_stays(
     tmp_path: Path, *, set_up_before: bool
@@ -269,12 +255,12 @@ def test_a_run_that_is_set_up_while_another_one_is_opened_stays(
     disk.come_back()
     engine.step(0.0)
     engine.open_run(read, told.append, invalid=True, instead_of=asked)  # it took longer to be read
-    assert told == [STAYS, STAYS]
-    assert engine.run.phase is Phase.READY
+    stays = "run 4 of subject 3 was set up meanwhile, and stays: "
+    assert told == [f"{stays}the history (h) opens the other one"] * 2
+    shown = engine.snapshot()
+    assert (shown.run.phase, shown.opened, len(shown.unfinished)) == (Phase.READY, False, 1)
     assert engine.run.number_in(3, PULL) == 4
-    assert not engine.snapshot().opened
     assert (folder / "journal.jsonl").read_bytes() == journal
-    assert len(engine.snapshot().unfinished) == 1
     assert drive.open(folder, invalid=True) is None  # who asks for it now, gets it
     assert engine.run.outcome is Outcome.ABORTED
     engine.close()

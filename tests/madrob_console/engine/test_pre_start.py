@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import msgspec
@@ -15,7 +14,6 @@ import pytest
 from madrob_console.archive.check import check_run
 from madrob_console.archive.folders import NUMBERS_FILE, PRACTICE_FOLDER, RunPath, runs_at
 from madrob_console.archive.history import History
-from madrob_console.archive.result_reader import read_whole_result
 from madrob_console.archive.scored import read_recorded_run
 from madrob_console.messages.codec import encode_text
 from madrob_console.messages.message_types import Message, MessageTypes
@@ -29,8 +27,7 @@ from madrob_console.testbeds.simulated import SensorSettings
 from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announcement, info_text
 from recorder.bag import RawMessage
 from recorder.reader import Bag
-from scoring.rest import HandleRest
-from tests.madrob_console.engine.drive import Drive, FaultyDrive, make_setup
+from tests.madrob_console.engine.drive import Drive, FaultyDrive, document, make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.engine.spoilt import Edit
 from tests.madrob_console.small_disk import disk_image, lock_folder
@@ -197,43 +194,33 @@ def test_a_simulated_testbed_over_ros_makes_every_run_practice_and_is_in_the_bag
     assert check_run(RunPath(hall.folder)).differences == ()
 
 
+@pytest.mark.parametrize(
+    ("announced", "words", "practice"),
+    [
+        (OVER_ROS, "the testbed is simulated (nominal): void this run after its stop", True),
+        (Announcement(problem="what is that?"), "what is that?", False),
+    ],
+)
 def test_what_is_announced_in_an_official_run_is_a_fault_of_it(
-    hall: FaultyDrive, tmp_path: Path
+    hall: FaultyDrive, tmp_path: Path, announced: Announcement, words: str, *, practice: bool
 ) -> None:
     hall.start(setup())
-    hall.source.announcement = OVER_ROS
+    hall.source.announcement = announced
     hall.wait(1.0)
-    words = f"{INFO_TOPIC}: the testbed is simulated (nominal): void this run after its stop"
-    assert words in hall.engine.snapshot().all_faults
+    assert f"{INFO_TOPIC}: {words}" in hall.engine.snapshot().all_faults
     hall.give_up()
     assert hall.folder.parent == tmp_path  # what it is was set before it started
-    assert [fault.text for fault in hall.engine.run.faults] == [words]
+    assert [fault.text for fault in hall.engine.run.faults] == [f"{INFO_TOPIC}: {words}"]
     hall.act(SetUp(setup(2)))
-    assert hall.engine.run.practice
+    assert hall.engine.run.practice is practice
     hall.source.announcement = SILENT  # it has gone: what is set up stays as it is
     hall.wait(1.0)
-    assert hall.engine.run.practice
-    assert hall.engine.run.phase is Phase.READY
+    assert (hall.engine.run.practice, hall.engine.run.phase) == (practice, Phase.READY)
     hall.act(SetUp(setup(2)))
     assert not hall.engine.run.practice
-
-
-def test_what_cannot_be_understood_is_said_and_makes_no_run_practice(hall: FaultyDrive) -> None:
-    hall.source.announcement = Announcement(problem="what is that?")
-    hall.start(setup())
-    assert f"{INFO_TOPIC}: what is that?" in hall.engine.snapshot().all_faults
-    hall.give_up()
-    assert not hall.engine.run.practice
-    assert [fault.text for fault in hall.engine.run.faults] == [f"{INFO_TOPIC}: what is that?"]
 
 
 HANDLE = "/madrob/handle/force"
-
-
-def samples(drive: Drive) -> HandleRest:
-    found = drive.engine.run.zero_samples
-    assert found is not None
-    return found
 
 
 def asked_for_a_zero(drive: Drive) -> bool:
@@ -249,87 +236,73 @@ def shifted(by: float) -> Edit:
     return edit
 
 
-@pytest.fixture
-def drifting(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[FaultyDrive]:
-    """Its load cell drifted by so much in a run, N, after the start; nobody sees it any more."""
-    drive = FaultyDrive(tmp_path)
-    drive.set_up()
-    drive.begin()
-    drive.wait(2.0)
-    before, after = SensorSettings().handle_rest
-    drive.source.fake(HANDLE, shifted(request.param + before - after))
-    rest = drive.result().rest
-    assert rest is not None
-    assert rest.drift == pytest.approx(request.param, abs=0.1)
-    drive.source.heal(HANDLE)
-    yield drive
-    drive.engine.close()
-
-
-def of_drift(by: float) -> pytest.MarkDecorator:
-    return pytest.mark.parametrize("drifting", [by], indirect=True)
-
-
 def test_the_samples_behind_the_zero_stand_in_state_journal_bag_and_result(drive: Drive) -> None:
     drive.whole_run(make_setup())
-    kept, folder = samples(drive), drive.folder
-    assert kept.mean == drive.engine.run.handle_zero == pytest.approx(5.9, abs=0.05)
-    assert kept.number == 50
-    assert kept.deviation == pytest.approx(0.02, rel=0.4)
-    assert kept.span == pytest.approx(0.09, rel=0.5)
-    assert kept.end - kept.begin == pytest.approx(0.98, abs=0.03)
+    zeroed, folder = drive.engine.run.zero_samples, drive.folder
+    assert zeroed is not None
+    about = (50, 5.9, 0.02, 0.09, zeroed.begin, zeroed.begin + 0.98)
+    allowed = (0.0, 0.05, 0.008, 0.045, 0.0, 0.03)
+    for value, near, by in zip(astuple(zeroed), about, allowed, strict=True):
+        assert value == pytest.approx(near, abs=by)
+    assert zeroed.mean == drive.engine.run.handle_zero
     (line,) = (e for e in read_journal(folder / "journal.jsonl")[0] if e.what == ZeroHandle.name)
-    told = msgspec.to_builtins(kept)
+    told = msgspec.to_builtins(zeroed)
     assert line.details == {"samples": told}
-    stored = read_whole_result(str(folder))
-    assert (stored["handle_zero"], stored["zero_samples"]) == (kept.mean, told)
+    stored = document(folder)
+    assert (stored["handle_zero"], stored["zero_samples"]) == (zeroed.mean, told)
     (folder / "journal.jsonl").unlink()
-    assert read_recorded_run(folder).run.zero_samples == kept
+    assert read_recorded_run(folder).run.zero_samples == zeroed
     assert any("zero the handle: 5.9" in log.text for log in drive.engine.log.lines)
 
 
-@of_drift(-1.3)
-def test_a_handle_that_drifted_is_to_be_zeroed_before_the_next_run(drifting: FaultyDrive) -> None:
-    drifting.act(SetUp(make_setup(run_number=2)))
-    drifting.wait(2.1)
-    assert drifting.check(CheckName.HANDLE).startswith("ok")
-    said = drifting.check(CheckName.HANDLE_ZERO)
-    assert said.startswith("failed: zero the handle again: it was -1.")
-    drifting.act(ConfirmPose())
-    refused = str(drifting.engine.perform(Start()))
-    assert refused.startswith("zero the handle again")
-    drifting.act(ZeroHandle())
-    assert not asked_for_a_zero(drifting)
-    drifting.act(Start())
+def drift(hall: FaultyDrive, by: float) -> None:
+    """The load cell drifts by so much in a run, N, after its start, and the next one is set up."""
+    hall.set_up()
+    hall.begin()
+    hall.wait(2.0)
+    before, after = SensorSettings().handle_rest
+    hall.source.fake(HANDLE, shifted(by + before - after))
+    assert hall.result().rest.drift == pytest.approx(by, abs=0.1)  # type: ignore[union-attr]
+    hall.source.heal(HANDLE)
+    hall.act(SetUp(make_setup(run_number=2, countdown=1.0)))
+    hall.wait(2.1)
 
 
-@of_drift(1.3)
-def test_a_drift_can_be_waived_for_one_run_and_is_not_asked_about_later(
-    drifting: FaultyDrive, tmp_path: Path
+@pytest.mark.parametrize("by", [-1.3, 0.7])
+def test_a_handle_that_drifted_far_is_to_be_zeroed_before_the_next_run(
+    hall: FaultyDrive, by: float
 ) -> None:
-    first = drifting.folder
-    drifting.act(SetUp(make_setup(run_number=2, countdown=1.0)))
-    drifting.wait(2.1)
-    drifting.act(Waive(CheckName.HANDLE_ZERO, "the cable was pulled"), ConfirmPose())
-    drifting.begin()
-    remarks = drifting.result().quality.remarks
-    stored = json.loads((drifting.folder / "result.json").read_text())
-    assert stored["zero_samples"] == msgspec.to_builtins(samples(drifting))  # of the run before
-    assert check_run(RunPath(drifting.folder)).differences == ()
-    assert "check waived: handle zero: the cable was pulled" in remarks
-    drifting.act(SetUp(make_setup(run_number=3)))
-    assert not asked_for_a_zero(drifting)  # that run found the zero right
+    drift(hall, by)
+    assert asked_for_a_zero(hall) is (abs(by) > 1.0)  # half the threshold is asked about
+    if asked_for_a_zero(hall):
+        assert hall.check(CheckName.HANDLE).startswith("ok")
+        words = "zero the handle again: it was -1."
+        assert hall.check(CheckName.HANDLE_ZERO).startswith(f"failed: {words}")
+        hall.act(ConfirmPose())
+        assert str(hall.engine.perform(Start())).startswith("zero the handle again")
+        hall.act(ZeroHandle())
+        assert not asked_for_a_zero(hall)
+        hall.act(Start())
+
+
+def test_a_drift_can_be_waived_for_one_run_and_is_not_asked_about_later(
+    hall: FaultyDrive, tmp_path: Path
+) -> None:
+    drift(hall, 1.3)
+    (first,) = runs_at(tmp_path)
+    hall.act(Waive(CheckName.HANDLE_ZERO, "the cable was pulled"), ConfirmPose())
+    hall.begin()
+    assert "check waived: handle zero: the cable was pulled" in hall.result().quality.remarks
+    zero = msgspec.to_builtins(hall.engine.run.zero_samples)
+    assert document(hall.folder)["zero_samples"] == zero  # of the run before
+    assert check_run(RunPath(hall.folder)).differences == ()
+    hall.act(SetUp(make_setup(run_number=3)))
+    assert not asked_for_a_zero(hall)  # that run found the zero right
     other = Drive(tmp_path)
-    assert other.open(first) is None  # the drift of another day
+    assert other.open(first.path) is None  # the drift of another day
     other.act(SetUp(make_setup(run_number=4)))
     assert not asked_for_a_zero(other)
     other.engine.close()
-
-
-@of_drift(0.7)
-def test_a_drift_below_half_the_threshold_asks_for_nothing(drifting: FaultyDrive) -> None:
-    drifting.act(SetUp(make_setup(run_number=2)))
-    assert not asked_for_a_zero(drifting)
 
 
 def test_a_zero_of_an_unsteady_force_stands_in_the_way_of_a_start(tmp_path: Path) -> None:

@@ -76,6 +76,9 @@ def found(desk: Desk) -> CompetitionStandings:
 
 
 def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Desk) -> None:
+    def not_final() -> bool:
+        return "NOT FINAL: 1 PROTEST open" in "\n".join(standings_details(found(desk)))
+
     desk.act(SIGNED, CROSSED)
     run = desk.listed
     assert (run.closing, run.protested, run.final) == (PROTEST_OPEN, True, False)
@@ -83,7 +86,7 @@ def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Des
     assert desk.document["protests"][0]["text"] == "we were through earlier"
     assert desk.document["issue"] == 2
     assert (desk.run_folder / "result_issue_1.json").exists()
-    assert "NOT FINAL: 1 PROTEST open" in "\n".join(standings_details(found(desk)))
+    assert not_final()
     # the referee looks at the instant in question
     deck = Deck(desk.run_folder)
     deck.do(Skip(0.0), JumpTo(Replay(desk.run_folder, MessageTypes()).instant("protest")))
@@ -93,17 +96,15 @@ def test_from_the_protest_over_the_replay_and_a_ruling_to_the_decision(desk: Des
     # what the decision changes, other acts do
     desk.act(Rule(Step.CROSS, confirmed=True, reason="seen on video"), UPHELD)
     assert desk.engine.run.phase is Phase.STOPPED
-    last = last_decision(desk.engine.run)
-    assert last is not None
-    desk.act(SIGNED, TakeBack(last.kind, last.time, "another video"))
+    desk.act(SIGNED)
+    desk.take_back()
     assert desk.listed.closing == PROTEST_OPEN
     desk.act(UPHELD, SIGNED)
     run = desk.listed
     assert (run.closing, run.protested, run.protest_filed) == ("final", True, None)
-    assert "protest 1 (step 4: cross the threshold) upheld (seen on video)" in [
-        flag.words for flag in run.flags
-    ]
-    assert "NOT FINAL" not in "\n".join(standings_details(found(desk)))
+    words = "protest 1 (step 4: cross the threshold) upheld (seen on video)"
+    assert words in [flag.words for flag in run.flags]
+    assert not not_final()
     assert desk.document["protests"][0]["answer"]["end"] == "upheld"
     assert desk.agrees()
 
@@ -193,23 +194,20 @@ def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
     pictures.mkdir()
     (pictures / "door_opens.jpg").write_bytes(b"a picture")
     add_evidence(desk.run_folder, strings(["seen"]))
-    files = dossier(desk)
-    name = desk.run_folder.name
-    for part in ("journal.jsonl", "result.json", "result_issue_1.json", "report.html"):
-        assert f"{name}/{part}" in files
-    led = re.findall(r'<a href="([^"#]+)', files[f"{name}/report.html"].decode())
+    files, name = dossier(desk), desk.run_folder.name
+    report, readme = files[f"{name}/report.html"].decode(), files[README_FILE].decode()
+    led = re.findall(r'<a href="([^"#]+)', report)
     assert led
-    assert {f"{name}/{one}" for one in led} <= set(files)
-    assert files[f"{name}/pictures/door_opens.jpg"] == b"a picture"
-    assert any("_evidence_" in one for one in files)
+    inside = ("journal.jsonl", "result.json", "result_issue_1.json", "report.html", *led)
     tables = {f"tables/{name}_{table}.csv" for table in ("door", "handle", "passage")}
-    assert tables <= {*files}
-    assert any(one.endswith("_jointState.csv") for one in files)
+    assert {*(f"{name}/{part}" for part in inside), *tables} <= {*files}
+    assert files[f"{name}/pictures/door_opens.jpg"] == b"a picture"
+    for part in ("_evidence_", "_jointState.csv"):
+        assert part in " ".join(files)
     for words in (b"Protest 1", b"UPHELD", b"we were through earlier", b", PRACTICE"):
         assert words in files[PROTESTS_FILE]
     assert next(iter(files)) == PROTESTS_FILE
-    assert b"UPHELD" in files[f"{name}/report.html"]
-    readme = files[README_FILE].decode()
+    assert "UPHELD" in report
     assert f"  {PROTESTS_FILE}: the protests" in readme
     packed = dossier_contents(desk.run_folder).target
     assert packed.name == f"dossier_practice_{name}.zip"

@@ -37,7 +37,7 @@ from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
 from madrob_console.ui.panes.run_status import banner
 from scoring.protocol import EventName, Outcome, Step
-from tests.madrob_console.engine.drive import Deck, FaultyDrive, make_setup, signed
+from tests.madrob_console.engine.drive import FaultyDrive, document, make_setup, signed
 from tests.madrob_console.engine.spoilt import HANDLE, Fault
 
 TYPES = MessageTypes()
@@ -122,31 +122,37 @@ def test_the_schema_of_the_state_has_the_keys_of_the_state_alone(hall: FaultyDri
     assert part["required"] == list(part["properties"]) == list(state)
 
 
-def test_a_result_says_that_the_robot_answered_to_the_start_and_when(hall: FaultyDrive) -> None:
-    hall.prepare(make_setup())
+def test_the_robot_s_words_stand_in_screen_journal_bag_and_result_and_decide_nothing(
+    hall: FaultyDrive,
+) -> None:
+    hall.prepare(make_setup(timeout=20.0))
     hall.act(Start())
-    hall.hear(ROBOT_STARTED_TOPIC, EMPTY, after=-0.5)  # no answer: it has not started yet
-    for after in (0.031, 1.5):
-        hall.hear(ROBOT_STARTED_TOPIC, EMPTY, after=after)
-    hall.finish()
-    start, folder = hall.start_time, hall.folder
-    result = json.loads((folder / "result.json").read_text())
-    assert result["robot_start"] - start == pytest.approx(0.031, abs=1e-6)
-    assert result["quality"]["remarks"] == ["the robot answered to the start 0.031 s after it"]
-    assert not result["flags"]
-    scored = hall.scored()
-    assert other_remarks(scored.run, scored.result.quality) == result["quality"]["remarks"]
+    for after in (-0.5, 0.031, 1.5):  # no answer: it has not started yet
+        hall.hear(ROBOT_STARTED_TOPIC, EMPTY, after)
+    hall.hear(ROBOT_FINISHED_TOPIC, encode_text(TYPES, "too early"), after=-0.5)
+    for after in (0.5, 0.6):
+        gives_up = encode_text(TYPES, "\x1b[31mI gave\nup" + "p" * 100)
+        hall.hear(ROBOT_FINISHED_TOPIC, gives_up, after)
+    hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
+    hall.wait(1.0)
+    words = "I gave up" + "p" * 51
+    text, _ = banner(hall.engine.snapshot())
+    assert f"the robot says '{words}'; F9 declares the timeout" in text
+    (line,) = (one for one in hall.engine.log.lines if "robot says" in one.text)
+    assert (line.text, line.weight) == (f"robot says: {words}", Weight.NOTICE)
+    assert line.relative == pytest.approx(0.5, abs=1e-6)
+    assert hall.engine.run.phase is Phase.RUNNING
+    assert hall.same_everywhere().outcome is Outcome.COMPLETED  # the robot went on
+    stored, scored = document(hall.folder), hall.scored()
+    assert stored["robot_start"] - hall.start_time == pytest.approx(0.031, abs=1e-6)
+    assert "the robot answered to the start 0.031 s after it" in stored["quality"]["remarks"]
+    assert other_remarks(scored.run, scored.result.quality) == stored["quality"]["remarks"]
+    assert (scored.run.robot_start, scored.run.robot_words) == (stored["robot_start"], words)
+    assert not stored["flags"]
     told = [e for e in hall.published(REFEREE_EVENT_TOPIC) if e["what"] == Change.ROBOT_STARTS]
     assert [line["origin"] for line in told] == ["remote"]
-    assert len(hall.recorded(ROBOT_STARTED_TOPIC)) == 3
-    hall.engine.close()
-    assert hall.scored().run.robot_start == result["robot_start"]
-    replayed = Deck(folder, speed=0.0).engine
-    while replayed.scored is None:
-        replayed.step(0.02)
-    assert replayed.run.robot_start == result["robot_start"]
-    assert replayed.replay is not None
-    assert replayed.replay.view(replayed.scored.result).agrees
+    for topic in (ROBOT_STARTED_TOPIC, ROBOT_FINISHED_TOPIC):
+        assert len(hall.recorded(topic)) == 3
 
 
 def test_standard_types_say_whether_the_run_goes_on_how_long_and_the_level(
@@ -173,33 +179,6 @@ def test_standard_types_say_whether_the_run_goes_on_how_long_and_the_level(
     assert hall.published(REFEREE_LEVEL_TOPIC)[-1] == 5  # as the result that was written anew
     hall.prepare(make_setup(run_number=2))
     assert hall.published(REFEREE_LEVEL_TOPIC)[-1] == 0
-
-
-def test_the_robot_says_that_it_is_finished_and_the_referee_decides(hall: FaultyDrive) -> None:
-    hall.prepare(make_setup(timeout=20.0))
-    hall.act(Start())
-    hall.hear(ROBOT_FINISHED_TOPIC, encode_text(TYPES, "too early"), after=-0.5)
-    for after in (0.5, 0.6):
-        hall.hear(ROBOT_FINISHED_TOPIC, encode_text(TYPES, "\x1b[31mI gave\nup" + "p" * 100), after)
-    hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
-    hall.wait(1.0)
-    words = "I gave up" + "p" * 51
-    text, _ = banner(hall.engine.snapshot())
-    assert f"the robot says '{words}'; F9 declares the timeout" in text
-    (line,) = (one for one in hall.engine.log.lines if "robot says" in one.text)
-    assert (line.text, line.weight) == (f"robot says: {words}", Weight.NOTICE)
-    assert line.relative == pytest.approx(0.5, abs=1e-6)
-    assert hall.engine.run.phase is Phase.RUNNING
-    hall.finish()
-    assert hall.engine.run.outcome is Outcome.COMPLETED  # the robot went on
-    hall.engine.close()
-    assert hall.scored().run.robot_words == words
-    assert len(hall.recorded(ROBOT_FINISHED_TOPIC)) == 3
-    replayed = Deck(hall.folder, speed=0.0).engine
-    while replayed.scored is None:
-        replayed.step(0.02)
-    assert replayed.replay is not None
-    assert replayed.replay.view(replayed.scored.result).agrees
 
 
 def test_no_robot_can_flood_the_journal_or_say_what_cannot_be_read(hall: FaultyDrive) -> None:

@@ -103,20 +103,6 @@ def test_the_lists_are_there_before_the_engine_goes_on_and_are_followed(tmp_path
 REASON = "renamed since"
 
 
-def test_the_engine_takes_no_name_beside_the_list_without_a_reason(hall: FaultyDrive) -> None:
-    setup = make_setup()
-    hall.act(SetUp(setup))  # no list: names are free
-    teams = TeamList({setup.subject: "Delft Walkers"})
-    hall.engine.set_teams(teams)
-    assert hall.engine.snapshot().teams == teams
-    refused = str(hall.engine.perform(SetUp(setup)))
-    assert "'Delft Walkers' in the list of teams: another name needs a reason" in refused
-    assert hall.engine.perform(SetUp(replace(setup, subject=9))) is not None
-    hall.act(SetUp(replace(setup, team="Delft Walkers")))
-    hall.act(SetUp(replace(setup, subject=9, team="")))
-    hall.act(SetUp(replace(setup, team_reason=REASON)))
-
-
 def test_the_reason_for_another_name_stands_with_the_run(drive: Drive, tmp_path: Path) -> None:
     setup = replace(make_setup(timeout=1.0), team="Runners", team_reason=REASON)
     listed = {setup.subject: "Delft Walkers"}

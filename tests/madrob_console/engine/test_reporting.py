@@ -24,7 +24,7 @@ from madrob_console.common.version import software_version
 from madrob_console.engine.ipc import server
 from madrob_console.engine.ipc.server import AGAIN, LogOnce
 from madrob_console.engine.ipc.service import FallenThreads
-from madrob_console.engine.requests import ExportTeam, OpenRun, Role
+from madrob_console.engine.requests import ExportTeam, Role
 from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.runtime.reports import Reporting, WantedPages
 from madrob_console.engine.snapshot import ExportView, Snapshot
@@ -39,15 +39,17 @@ from madrob_console.referee.acts import (
     Rule,
     SetUp,
     Start,
+    TakeBack,
     Void,
     ZeroHandle,
 )
+from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.checks import blocking
 from madrob_console.referee.records import TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
-from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
+from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.reporting import no_reporting, reporting_on, told_of
 from tests.madrob_console.engine.scored_elsewhere import alive, children_of
 from tests.madrob_console.engine.served import Served, simulated
@@ -321,15 +323,6 @@ def processes_of(parent: int) -> list[str]:
     return [line for line in children_of(parent).values() if not line or "cli.chore_worker" in line]
 
 
-def official_run(results: Path, **fields: object) -> Path:
-    """The folder of a completed run that counts, with its report."""
-    drive = OfficialDrive(results)
-    drive.whole_run(replace(make_setup(), **fields))  # type: ignore[arg-type]
-    drive.engine.close()
-    assert main(["report", str(drive.folder)]) == 0
-    return drive.folder
-
-
 def other_runs(report: Path) -> list[str]:
     """Of the team, in the words of a report."""
     text = report.read_text()
@@ -339,59 +332,44 @@ def other_runs(report: Path) -> list[str]:
 
 
 @pytest.mark.machine
-@pytest.mark.slow
-def test_after_a_correction_the_reports_of_both_teams_and_the_site_are_true(tmp_path: Path) -> None:
-    results, site = tmp_path / "runs", tmp_path / "site"
-    mine = official_run(results)
-    wrong = official_run(results, run_number=2)
-    theirs = official_run(results, subject=4, team="Graz")
-    assert main(["report", str(mine)]) == 0
-    reports = [mine / "report.html", theirs / "report.html"]
-
-    def told() -> list[list[str]]:
-        published = [
-            next(iter(site.glob(f"runs/{one.parent.name}_*/report.html"))) for one in reports
-        ]
-        return [other_runs(one) for one in (*reports, *published)]
-
-    settings = f'[results]\npublish = "{site}"\n'
-    with EngineProcess(results, "no-touch", settings=settings) as engine:
-        until((site / "index.html").exists, MINUTES)
-        assert told() == [["run 2", "run 2"], [], ["run 2", "run 2"], []]
-        assert engine.client.send_request(OpenRun(wrong.name)) is None
-        engine.act(Correct(4, make_setup().condition, "typed wrongly"))
-        until(lambda: told() == [[], ["run 2", "run 2"], [], ["run 2", "run 2"]], MINUTES)
-        engine.act(Void("the wrong door"))
-        until(lambda: told() == [[], ["run 2"], [], ["run 2"]], MINUTES)
-        until(lambda: "run 2</a> (VOID: " in reports[1].read_text(), MINUTES)
-        team = site / "teams/004.html"
-        until(lambda: "1 completed, 1 VOID" in team.read_text(), MINUTES)
-
-
-@pytest.mark.machine
-def test_reports_that_tell_of_other_runs_are_made_again_and_those_that_cannot_be_named(
+def test_after_a_correction_all_reports_and_the_site_are_true_and_what_cannot_be_is_named(
     tmp_path: Path,
 ) -> None:
-    results = tmp_path / "runs"
+    results, site = tmp_path / "runs", tmp_path / "site"
     first, second = put_recorded(results)
-    page, away = first / "report.html", tmp_path / "away"
+    page, drive = first / "report.html", Drive(results)
     assert main(["report", str(results)]) == 0
-    assert other_runs(page) == ["run 2", "run 2"]
-    second.rename(away)
-    with reporting_on(results, WantedPages(reports=False)) as reporting:
-        for _ in range(2):
-            reporting.report(first)
+    options = (str(site), f"--results={results}", "--practice")
+    with reporting_on(results, WantedPages(publish=options)) as reporting:
+        drive.engine.make_reports = reporting.report
+
+        def told() -> list[list[str]]:
             assert reporting.wait(60.0)
-            assert other_runs(page) == []
             assert reporting.problem is None
-            made = page.stat().st_mtime_ns
-        assert page.stat().st_mtime_ns == made
-        away.rename(second)
+            (published,) = site.glob(f"runs/{first.name}_*/report.html")
+            return [other_runs(each) for each in (page, published)]
+
+        assert drive.open(second) is None
+        drive.act(Correct(4, make_setup().condition, "typed wrongly"))
+        assert told() == [[], []]
+        last = last_decision(drive.engine.run)
+        assert last is not None
+        drive.act(TakeBack(last.kind, last.time, "it was right"))
+        assert told() == [["run 2", "run 2"]] * 2
+        before = page.stat().st_mtime_ns
+        reporting.report(second)
+        assert told() == [["run 2", "run 2"]] * 2
+        assert page.stat().st_mtime_ns == before
+        drive.act(Void("the wrong door"))
+        assert told() == [["run 2"]] * 2
+        assert "run 2</a> (VOID: " in page.read_text()
+        drive.engine.close()
         for recording in first.glob("*.mcap"):
             recording.unlink()
+        second.rename(tmp_path / "away")
         reporting.report(first)
-        told = told_of(reporting, f"results or reports in {results} are not up to date: ")
-        assert first.name in told
+        words = f"results or reports in {results} are not up to date: "
+        assert first.name in told_of(reporting, words)
 
 
 @pytest.mark.machine

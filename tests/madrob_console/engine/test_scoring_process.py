@@ -40,7 +40,6 @@ from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.panes.result_pane import ResultHead
-from recorder.bag import RawMessage
 from scoring.protocol import Condition, Signal, Step, Strip
 from scoring.rulesets import RulesetName
 from scoring.signals import DoorSample, HandleSample, PassageSample
@@ -54,7 +53,7 @@ from tests.madrob_console.engine.scored_elsewhere import (
 )
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.robots import Robot
-from tests.watching import Stutter, until
+from tests.watching import until
 
 pytestmark = pytest.mark.machine
 
@@ -63,25 +62,6 @@ T = TypeVar("T")
 DENIED = Rule(Step.TOUCH, confirmed=False, reason="seen")
 BACK = Rule(Step.TOUCH, confirmed=None, reason="right")
 DOOR = next(m.topic for m in DEFAULT_MAPPINGS if m.signal is Signal.DOOR)
-
-
-class Twins(ScoringProcess):
-    """Has every run scored here, too, and keeps what comes of both."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.pairs: list[tuple[RenderedResult, RenderedResult]] = []
-
-    def score(self, wanted: ScoringRequest, done: Callable[[RenderedResult], None]) -> None:
-        mine: list[RenderedResult] = []
-        own = replace(wanted, assessment=copy.deepcopy(wanted.assessment))
-        Scorer().score(own, mine.append)
-
-        def both(theirs: RenderedResult) -> None:
-            self.pairs.append((mine[0], theirs))
-            done(theirs)
-
-        super().score(wanted, both)
 
 
 @pytest.fixture
@@ -105,8 +85,35 @@ def kill(scorer: ScoringProcess, number: signal.Signals = signal.SIGKILL) -> Non
         until(lambda: scorer.failures or scorer.pid is None)
 
 
+class Twins(ScoringProcess):
+    """Has every run scored here, too, and what comes of both is the same.
+
+    Attributes:
+        pairs: so many runs were scored twice.
+    """
+
+    pairs = 0
+
+    def score(self, wanted: ScoringRequest, done: Callable[[RenderedResult], None]) -> None:
+        mine: list[RenderedResult] = []
+        own = replace(wanted, assessment=copy.deepcopy(wanted.assessment))
+        Scorer().score(own, mine.append)
+
+        def both(theirs: RenderedResult) -> None:
+            (here,) = mine
+            assert (here.result, here.past, here.run) == (theirs.result, theirs.past, theirs.run)
+            assert {**here.files} == {name: bytes(each) for name, each in theirs.files.items()}
+            assert here.curves == theirs.curves
+            self.pairs += 1
+            done(theirs)
+
+        super().score(wanted, both)
+
+
 @pytest.mark.parametrize("ruleset", RulesetName)
-def test_its_bytes_are_those_that_are_made_here(tmp_path: Path, ruleset: RulesetName) -> None:
+def test_its_bytes_are_those_that_are_made_here(
+    tmp_path: Path, ruleset: RulesetName, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with kept_running(Twins()) as twins:
         drive = Referee(tmp_path, twins, Scenario.SLAM)
         drive.prepare(make_setup(ruleset=ruleset))
@@ -117,37 +124,26 @@ def test_its_bytes_are_those_that_are_made_here(tmp_path: Path, ruleset: Ruleset
         drive.ruled(DENIED, Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"), Reissue("again"))
         drive.verify()
         drive.start(make_setup(ruleset=ruleset, run_number=2))
-        with bad_messages(drive):
+        take = drive.source.take_messages
+        with monkeypatch.context() as patched:  # some of the door cannot be decoded
+            patched.setattr(
+                *(drive.source, "take_messages"),
+                lambda timeout: [
+                    structs.replace(m, data=m.data[: 9 if m.receive_ns % 7 == 0 else None])
+                    if m.topic == DOOR
+                    else m
+                    for m in take(timeout)
+                ],
+            )
             drive.wait(0.5)
         drive.wait(3.0)
         drive.act(Abort("enough"))
         drive.finish()
         drive.verify()
-        assert len(twins.pairs) >= 4
-        for here, there in twins.pairs:
-            assert (here.result, here.past, here.run) == (there.result, there.past, there.run)
-            assert {**here.files} == {name: bytes(each) for name, each in there.files.items()}
-            assert here.curves == there.curves
-        assert any(DOOR in remark for remark in there.result.quality.remarks)
+        assert twins.pairs >= 4
+        assert drive.engine.scored is not None
+        assert DOOR in "".join(drive.engine.scored.result.quality.remarks)
         drive.engine.close()
-
-
-@contextmanager
-def bad_messages(drive: Referee) -> Iterator[None]:
-    """Some of the door cannot be decoded."""
-    take = drive.source.take_messages
-
-    def spoilt(timeout: float) -> list[RawMessage]:
-        return [
-            structs.replace(m, data=m.data[: 9 if m.receive_ns % 7 == 0 else None])
-            if m.topic == DOOR
-            else m
-            for m in take(timeout)
-        ]
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(drive.source, "take_messages", spoilt)
-        yield
 
 
 def test_an_earlier_run_is_read_there_and_goes_on(drive: Referee, scorer: ScoringProcess) -> None:
@@ -234,37 +230,21 @@ def stopped_run(drive: Referee, seconds: float, rate: float, strips: Sequence[St
 
 
 @pytest.mark.slow
-def test_a_run_of_three_hours_makes_nobody_wait_for_its_scoring(
-    tmp_path: Path, scorer: ScoringProcess
-) -> None:
-    """Two sensors at 100 Hz."""
-    drive = Referee(tmp_path, scorer, Robot.NO_CLOSE, DiskThreads.threads())
-    stopped_run(drive, 3 * 3600.0, 100.0, ())
-    drive.act(DeclareTimeout("enough"))
-    deaf, before = list[float](), time.monotonic()
-    with Stutter() as stutter:
-        while not drive.engine.situation().scored:
-            drive.clock.sleep(0.01)
-            drive.engine.step(0.0)
-            now = time.monotonic()
-            deaf.append(now - before)
-            before = now
-            time.sleep(0.001)
-    assert drive.engine.scored is not None
-    size = sum(map(len, drive.engine.scored.files.values()))
-    print(f"\nscored in {sum(deaf):.1f} s, {size / 1e6:.0f} MB, deaf for {1000 * max(deaf):.0f} ms")
-    assert scorer.problem("") is None
-    assert size > 100_000_000
-    assert sum(deaf) > 1.0
-    assert max(deaf) <= 0.1 + stutter.allowance
-    drive.engine.close()
-
-
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seconds", "rate", "strips", "size"),
+    [(600.0, 500.0, tuple(Strip)[:2], 30e6), (3 * 3600.0, 100.0, (), 100e6)],
+    ids=["600 s at 500 Hz", "3 hours at 100 Hz"],
+)
 def test_no_step_of_the_core_or_its_workers_takes_5_ms_when_a_long_run_is_scored(
-    tmp_path: Path, scorer: ScoringProcess, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    scorer: ScoringProcess,
+    monkeypatch: pytest.MonkeyPatch,
+    seconds: float,
+    rate: float,
+    strips: Sequence[Strip],
+    size: float,
 ) -> None:
-    """600 s at 500 Hz, four signals; beside it, the time of copying the result's 33 MB: 12 ms."""
+    """Beside it, the time of copying the result, whose 33 MB take 12 ms."""
     steps = list[float]()
 
     def timed(step: Callable[[], T]) -> T:
@@ -278,7 +258,7 @@ def test_no_step_of_the_core_or_its_workers_takes_5_ms_when_a_long_run_is_scored
     monkeypatch.setattr(scorer, "work", lambda now: timed(lambda: work(now)))
     monkeypatch.setattr(scorer, "take", lambda data: timed(lambda: take(data)))
     drive = Referee(tmp_path, scorer, Robot.NO_CLOSE, DiskThreads.threads())
-    stopped_run(drive, 600.0, 500.0, tuple(Strip)[:2])
+    stopped_run(drive, seconds, rate, strips)
     for act in (DeclareTimeout("enough"), DENIED):
         steps.clear()
         timed(lambda act=act: drive.act(act))  # type: ignore[misc]
@@ -291,9 +271,10 @@ def test_no_step_of_the_core_or_its_workers_takes_5_ms_when_a_long_run_is_scored
         began = time.thread_time()
         copies = [bytes(content) for content in files]
         copying = time.thread_time() - began
-        assert sum(map(len, copies)) > 30_000_000
+        assert sum(map(len, copies)) > size
         print(f"\n{act.name}: {1000 * longest:.1f} ms, copying {1000 * copying:.1f} ms")
         assert longest <= 0.4 * copying
+    assert scorer.problem("") is None
     drive.engine.close()
 
 
@@ -449,32 +430,16 @@ def test_a_run_whose_result_does_not_come_is_named_and_scored_after_the_next_one
         assert drive.engine.snapshot().unfinished == ()
 
 
-def test_one_that_somebody_stopped_is_replaced_in_time_and_none_survives_the_engine(
-    tmp_path: Path,
-) -> None:
+def test_no_scoring_process_survives_an_engine_that_is_killed(tmp_path: Path) -> None:
     with EngineProcess(tmp_path, "no-touch") as engine:
-        (stopped,) = until(lambda: scorers_of(engine.process.pid))
-        engine.start(make_setup(countdown=1.0, timeout=600.0))
-        os.kill(stopped, signal.SIGSTOP)
-        engine.act(DeclareTimeout("enough"))
-        began, told = time.monotonic(), set[str]()
-
-        def there() -> bool:
-            shown = engine.client.snapshot()
-            told.update(shown.all_faults)
-            return shown.result is not None
-
-        until(there, ScoringProcess.patience - 1.0)
-        print(f"\na result {time.monotonic() - began:.1f} s after the stop")
-        words = "the scoring process is started again: it was stopped for 2 s; the run is safe"
-        assert any(words in fault for fault in told)
-        pids = scorers_of(engine.process.pid)
-        assert stopped not in pids
-        engine.start(make_setup(countdown=1.0, run_number=2))
+        (child,) = until(
+            lambda: [
+                pid
+                for pid, line in children_of(engine.process.pid).items()
+                if "scoring_worker" in line
+            ]
+        )
+        engine.start(make_setup(countdown=1.0))
         engine.process.send_signal(signal.SIGKILL)
         engine.process.wait(30.0)
-        until(lambda: not any(map(alive, pids)))
-
-
-def scorers_of(parent: int) -> list[int]:
-    return [pid for pid, line in children_of(parent).items() if "scoring_worker" in line]
+        until(lambda: not alive(child))

@@ -1,0 +1,140 @@
+"""Any acts on a disk and a scorer that fail: journal, bag, result and screen say the same."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import pytest
+from hypothesis import Phase as Part
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from madrob_console.archive.check import check_run
+from madrob_console.archive.folders import JOURNAL_FILE, RunPath
+from madrob_console.archive.scored import score_opened
+from madrob_console.referee.acts import (
+    ACT_CALLED,
+    Abort,
+    Act,
+    AddNote,
+    ConfirmPose,
+    Correct,
+    DecideProtest,
+    DeclareTimeout,
+    FileProtest,
+    Finalise,
+    MarkIncident,
+    Reissue,
+    RestartCountdown,
+    Rule,
+    Start,
+    TakeBack,
+    Void,
+    ZeroHandle,
+)
+from madrob_console.referee.acts.correct import last_decision
+from madrob_console.referee.records import DecisionKind, IncidentKind, ProtestEnd, TeamWord
+from madrob_console.referee.run import Phase
+from scoring.protocol import Condition, Step
+from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.held_disk import HeldDrive, HeldScorer
+from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP
+
+LAST = TakeBack(DecisionKind.VOID, 0.0, "a slip")
+"""Takes back the last decision, if there is one."""
+ACTS = (
+    *(Start(), RestartCountdown("not ready"), Abort("enough"), DeclareTimeout("gave up")),
+    *(AddNote("a visitor"), MarkIncident(IncidentKind.FALL), ConfirmPose(), ZeroHandle()),
+    *(Rule(Step.TOUCH, confirmed=yes, reason="seen") for yes in (True, False, None)),
+    *(Void("unsafe"), Correct(4, Condition.from_number(11), "typed wrongly"), LAST),
+    *(FileProtest("it was slower", "Delft"), Reissue("an appeal")),
+    DecideProtest(1, ProtestEnd.UPHELD, "seen", "A"),
+    *(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"),) * 2,
+)
+
+
+class Deed(NamedTuple):
+    """An act, what fails while it is done, and how long, s."""
+
+    act: Act
+    silent: bool
+    refuses: bool
+    unscored: bool
+    lasts: float
+
+
+SELDOM = st.sampled_from((False, False, False, True))
+DEEDS = st.lists(
+    st.builds(
+        Deed,
+        st.sampled_from(ACTS),
+        *(SELDOM, SELDOM, SELDOM),
+        st.sampled_from((0.0, 0.02, 0.7, 1.5, 2.5)),
+    ),
+    min_size=1,
+    max_size=14,
+)
+
+
+def do(hall: HeldDrive, scorer: HeldScorer, deed: Deed) -> list[str | None]:
+    """The answer, once it is there."""
+    fsync, answers = os.fsync, list[str | None]()
+
+    def refuse(file: int) -> None:
+        if deed.refuses and Path(f"/proc/self/fd/{file}").readlink().name == JOURNAL_FILE:
+            raise OSError(5, "Input/output error")
+        fsync(file)
+
+    act, last = deed.act, last_decision(hall.engine.run)
+    if act is LAST and last is not None:
+        act = TakeBack(last.kind, last.time, "a slip")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(os, "fsync", refuse)
+        hall.disk.held, scorer.held = deed.silent, deed.unscored
+        hall.engine.submit(act, answers.append)
+        hall.pass_time(deed.lasts)
+    hall.disk.come_back()
+    return answers
+
+
+@given(DEEDS)
+@settings(max_examples=10, deadline=None, phases=[Part.generate])  # a shrink takes minutes
+def test_whatever_fails_journal_bag_result_and_screen_say_what_was_answered(
+    deeds: Sequence[Deed],
+) -> None:
+    """Each act that was answered yes is in the journal once, none that was refused ever is."""
+    with TemporaryDirectory() as root:
+        scorer = HeldScorer()
+        hall = HeldDrive(Path(root), scorer)
+        hall.prepare(make_setup(countdown=1.0, timeout=4.0))
+        hall.act(Start())
+        begun = len(hall.lines())
+        answers = [do(hall, scorer, deed) for deed in deeds]
+        scorer.held = False
+        hall.pass_time(2.5)
+        over, phase = hall.engine.now(), hall.engine.run.phase
+        if hall.engine.run.active:
+            hall.act(Abort("the end"))
+        hall.finish()
+        hall.pass_time(2.5)
+        assert [len(each) for each in answers] == [1] * len(deeds)
+        done = [deed.act for deed, answer in zip(deeds, answers, strict=True) if answer == [None]]
+        done += [Abort("the end")] * (phase in (Phase.COUNTDOWN, Phase.RUNNING))
+        lines, run = hall.lines(), hall.engine.run
+        written = [line.what for line in lines[begun:] if line.what in ACT_CALLED]
+        assert sorted(written) == sorted(act.name for act in done)
+        assert hall.told_by_journal() == replace(run, journal=None)
+        for topic in (DOOR, HANDLE, STRIP):
+            handed, recorded = hall.handed(topic), hall.recorded(topic)
+            first = handed.index(recorded[0])
+            assert recorded == handed[first : first + len(recorded)]
+            assert len(recorded) >= 49 * ((run.stop or over) - (run.countdown_began or over))
+        assert check_run(RunPath(hall.folder)).differences == ()
+        assert hall.engine.snapshot().result == score_opened(hall.folder).result
+        assert hall.engine.snapshot().all_faults == ()
+        hall.engine.close()
