@@ -18,6 +18,7 @@ from typing import Any
 from msgspec import structs
 
 from madrob_console.archive import score
+from madrob_console.archive.check import EQUAL
 from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.common.clock import Clock, VirtualClock
 from madrob_console.common.names import SourceKind
@@ -70,7 +71,6 @@ from tests.madrob_console.engine.spoilt import (
 )
 from tests.madrob_console.robots import Played, any_testbed
 from tests.watching import until
-from madrob_console.archive.check import EQUAL
 
 EPOCH_NS = 1_700_000_000_000_000_000
 STEP = 0.02
@@ -178,7 +178,6 @@ class Drive:
 
     def finish(self) -> None:
         self.wait_until(lambda: self.engine.scored is not None)
-
 
     def same_everywhere(self) -> Result:
         """The result, waited for; the run scored again and replayed has the same one."""

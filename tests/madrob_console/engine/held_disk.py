@@ -20,6 +20,7 @@ from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.simulated import Scenario
+from madrob_console.testbeds.source import Announcement
 from tests.madrob_console.engine.drive import STEP, FaultyDrive, FaultySource
 
 T = TypeVar("T")
@@ -129,6 +130,7 @@ class HeldSource(FaultySource):
     """A testbed that says of itself that it is simulated."""
 
     kind = SourceKind.SIMULATED
+    announcement = Announcement(str(Scenario.NO_TOUCH))
 
 
 class HeldDrive(FaultyDrive):

@@ -29,7 +29,6 @@ from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.templates import render
 from madrob_console.referee.acts import (
     ACT_CALLED,
-    Abort,
     AcceptDoubts,
     Act,
     AddNote,
@@ -56,7 +55,7 @@ from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import Rows
 from scoring.procedure import Ruling
-from scoring.protocol import BenchmarkType, Condition, Outcome, Side, Step
+from scoring.protocol import BenchmarkType, Condition, Side, Step
 from scoring.result import Ending, Result, Uncertainty
 from tests.madrob_console.engine.drive import PULL, Deck, Drive, document, make_setup, signed
 from tests.madrob_console.recorded_runs import appealed, completed, publish, recorded
@@ -298,18 +297,6 @@ def test_whatever_is_decided_the_files_say_it_and_all_of_it_can_be_taken_back(
         result.write_bytes(before)
         repair(desk.run_folder)  # by journal and recording
         assert desk.document == last
-
-
-def test_a_text_that_is_too_long_is_refused_but_for_that_of_an_abort(drive: Drive) -> None:
-    long = "x" * 2001
-    setup = SetUp(replace(make_setup(), team_reason=long))
-    assert "at most 2000 characters" in str(drive.engine.perform(setup))
-    drive.start(make_setup())
-    assert "at most 2000 characters" in str(drive.engine.perform(AddNote(long)))
-    drive.act(AddNote(long[:-1]), Abort(long))
-    run = drive.engine.run
-    assert [note.text for note in run.notes] == [long[:-1]]
-    assert (run.outcome, run.outcome_reason) == (Outcome.ABORTED, long[:-1])
 
 
 @pytest.mark.parametrize("limit", ["LARGEST_JOURNAL", "MOST_LINES"])

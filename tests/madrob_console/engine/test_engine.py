@@ -9,13 +9,11 @@ import pytest
 from madrob_console.archive import score
 from madrob_console.referee.acts import (
     Abort,
-    ConfirmPose,
     DeclareTimeout,
     Rule,
     SetUp,
     Start,
     Void,
-    Waive,
 )
 from madrob_console.referee.checks import CheckState
 from madrob_console.referee.journal import HOLD_FILE
@@ -103,8 +101,6 @@ def test_a_timeout_within_the_settle_time_waits_for_its_end(
     assert drive.engine.run.outcome is outcome
     took = value(drive.folder, IndicatorName.EXECUTION_TIME)
     assert took == pytest.approx(min(needed, needed + spare), abs=1e-6)
-
-
 
 
 def test_the_referee_can_stop_a_run_that_only_he_can_judge(drive: Drive) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import cycle
 from pathlib import Path
 from random import Random
@@ -37,8 +37,6 @@ OFF = r"stamps 5\.\d+ s (ahead|late)"
 EMPTY = r"no reading in \d+ of \d+ messages: "
 JUNK = r"\d+ of \d+ messages: not a (sensor|geometry)_msgs/msg/"
 LARGE = r"\d+ of \d+ messages: 40\d+ bytes, not read above \d+"
-
-
 
 
 class Case(NamedTuple):

@@ -40,10 +40,8 @@ from madrob_console.referee.acts import (
     Finalise,
     Reissue,
     Rule,
-    TakeBack,
     Void,
 )
-from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.records import ProtestEnd, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_summary import PROTEST_OPEN

@@ -319,6 +319,7 @@ def set_up(**changes: object) -> SetUp:
             "another clock (and 1 more)", Start(), READY, look=looking(ALL_SILENT, UNKNOWN, FIXED)
         ),
         refused("the result of the last run is being", SetUp(SETUP), STOPPED, scored=False),
+        refused("a text has at most 2000", SetUp(replace(SETUP, team_reason="x" * 2001)), READY),
         refused(None, SetUp(SETUP), STOPPED, scored=False, hopeless=True),
         refused("another name needs a reason", SetUp(SETUP), READY, teams=WALKERS),
         refused(None, set_up(team_reason="renamed"), READY, teams=WALKERS),
