@@ -18,14 +18,13 @@ from hypothesis import strategies as st
 
 from madrob_console.archive.check import EQUAL, check_run
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath, next_run_number
-from madrob_console.archive.history import History, earlier_runs
+from madrob_console.archive.history import History
 from madrob_console.archive.repair import repair
 from madrob_console.archive.result_document import result_schema
 from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.archive.scored import score_run
 from madrob_console.engine.core import run_lines
 from madrob_console.engine.requests import JumpTo
-from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.templates import render
 from madrob_console.referee.acts import (
     ACT_CALLED,
@@ -121,12 +120,6 @@ def test_a_voided_run_keeps_its_indicators_and_counts_nowhere(desk: Desk) -> Non
     assert (run.valid, run.voided, run.outcome_word, run.reason) == (
         *(False, True, "VOID", "robot unsafe"),
     )
-    assert earlier_runs([run], 3, 1, run.started + 9, competition="", practice=run.practice) == ()
-    found = competition_standings([run], made=0.0, official=False)
-    assert [left.why_left_out for left in found.left_out] == ["robot unsafe"]
-    (group,) = found.groups
-    (team,) = group.overall
-    assert (team.completed, team.voided, team.counted, team.aggregates) == (0, 1, 0, {})
     assert desk.agrees()
     desk.take_back()
     assert (desk.document["voided"], desk.listed.valid) == (None, True)

@@ -59,7 +59,7 @@ ACTS = (
 
 
 class Deed(NamedTuple):
-    """An act, by its number among those that are possible, what fails meanwhile, and how long, s."""
+    """An act, by its number among the possible ones, what fails meanwhile, and how long, s."""
 
     number: int
     fails: str

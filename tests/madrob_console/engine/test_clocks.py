@@ -299,7 +299,7 @@ def test_a_stepped_clock_costs_no_sample_of_a_topic_without_a_header(
     assert events[1] == pytest.approx(events[0], abs=0.025)  # a sample
 
 
-@pytest.mark.parametrize("duration", [1.0, 1.5, 3.5, 8.0])
+@pytest.mark.parametrize("duration", slow_but_for([1.0, 1.5, 3.5, 8.0], 1.5, 3.5))
 @pytest.mark.parametrize("number", slow_but_for(range(10), 0))
 def test_an_engine_that_stood_still_has_the_values_that_the_same_loss_leaves(
     number: int, duration: float, wired: Wired

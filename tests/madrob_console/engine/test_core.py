@@ -9,16 +9,13 @@ from typing import TypeGuard
 import pytest
 
 from madrob_console.common.names import SourceKind
-from madrob_console.engine.core.acting import DURABLE_WITHIN
 from madrob_console.engine.core.effects import (
     Answer,
     ConfigureTestbed,
     Effect,
-    KeepRecording,
     OpenRecording,
     Publish,
     RetryWriting,
-    WithdrawLine,
     WriteLine,
 )
 from madrob_console.engine.core.engine_config import EngineConfig
@@ -26,17 +23,14 @@ from madrob_console.engine.core.engine_core import Core
 from madrob_console.engine.core.inputs import (
     DoAct,
     Input,
-    LineWithdrawn,
     LineWritten,
     RecordingOpened,
     Tick,
 )
 from madrob_console.engine.core.now import DiskState, Now, TestbedState
-from madrob_console.engine.public_state import PublishedState
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
-    Abort,
     Act,
     AddNote,
     ConfirmPose,
@@ -132,35 +126,6 @@ def test_a_start_changes_nothing_until_its_line_is_on_disk(values: Values) -> No
     run = values.core.current_run.run
     assert (run.phase, run.countdown_began) == (Phase.COUNTDOWN, values.now.time)
     assert values.core.records
-
-
-def test_a_start_that_is_withdrawn_never_takes_effect(values: Values) -> None:
-    opening = values.asked_to_start()
-    (withdraw,) = values.take(Tick(), DURABLE_WITHIN)
-    assert isinstance(withdraw, WithdrawLine)
-    why = "the disk did not take it within 2 s: it is withdrawn"
-    assert values.take(LineWithdrawn(withdraw.withdrawal)) == [Answer(values.number, why)]
-    late = values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))
-    assert late == []
-    assert values.core.current_run.run.phase is Phase.READY
-
-
-def test_an_abort_that_comes_too_late_for_a_withdrawal_aborts_the_countdown(
-    values: Values,
-) -> None:
-    opening = values.asked_to_start()
-    (withdraw,) = values.do(Abort("stop"))
-    assert isinstance(withdraw, WithdrawLine)
-    effects = values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))
-    assert [one for one in effects if isinstance(one, Answer)] == [
-        Answer(values.number - 1, None),
-        Answer(values.number, None),
-    ]
-    assert isinstance(effects[0], KeepRecording)
-    assert sum(isinstance(one, WriteLine) for one in effects) == 2
-    published = [one.what for one in effects if isinstance(one, Publish)]
-    phases = [one.phase for one in published if isinstance(one, PublishedState)]
-    assert phases == [Phase.COUNTDOWN, Phase.STOPPED]
 
 
 def test_a_note_that_overtakes_an_act_stands_behind_it_as_on_disk(values: Values) -> None:

@@ -34,7 +34,7 @@ from scoring.protocol import EventName, Outcome
 from tests.madrob_console.engine.drive import STEP, Deck, Drive, FaultyDrive, document, make_setup
 from tests.madrob_console.engine.spoilt import DOOR, HANDLE, set_value
 
-LONG = 10.0
+LONG = 3.0
 """s that a countdown is held, longer than it takes."""
 SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")
 

@@ -81,7 +81,7 @@ def test_a_screen_that_comes_late_gets_the_course_and_the_events_of_the_run(
     while drive.engine.scored is None:
         snapshot = drive.engine.snapshot()
         events = snapshot.events or events
-        drive.engine.step(STEP)
+        drive.wait(5 * STEP)
         largest, start = snapshot.handle.maximum, snapshot.run.start
         assert start is not None
         if largest is not None and snapshot.run.active and snapshot.time < start + SPAN - 1:
