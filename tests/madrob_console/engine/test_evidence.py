@@ -87,8 +87,9 @@ class ToldEvidence(EvidenceClient):
         self.state = replace(self.state, **changes)
 
 
-def told_in(folder: Path) -> Any:  # noqa: ANN401  of JSON
-    return document(folder)["evidence"]
+def told_in(folder: Path) -> dict[str, Any]:
+    evidence: dict[str, Any] = document(folder)["evidence"]
+    return evidence
 
 
 def write_rest(folder: Path) -> None:

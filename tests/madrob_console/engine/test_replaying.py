@@ -34,7 +34,7 @@ from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Step
-from tests.madrob_console.engine.drive import Deck, make_setup
+from tests.madrob_console.engine.drive import Deck, document, make_setup
 from tests.madrob_console.recorded_runs import INCIDENT_AT, STOP_AT, appealed, without_digests
 from tests.slowly import slow_but_for
 
@@ -57,32 +57,14 @@ def deck(folder: Path) -> Deck:
 
 def test_at_its_end_a_replay_shows_the_stored_result_to_the_last_digit(folder: Path) -> None:
     deck = Deck(folder, speed=0)
-    shown = deck.to_the_end()
-    stored = json.loads((folder / "result.json").read_text())
+    shown, stored = deck.to_the_end(), document(folder)
     scored = next(score(folder)).result
     assert shown.result == scored
     values = {str(name): i.value for name, i in scored.indicators.items()}
     assert values == {name: i["value"] for name, i in stored["indicators"].items()}
     assert (deck.at.comparison, deck.at.agrees) == (EQUAL, True)
     assert shown.result_source == "replay"
-
-
-def test_the_referees_decisions_are_shown_when_they_were_made(deck: Deck) -> None:
-    deck.do(JumpTo(INCIDENT_AT - 0.1))
-    assert [w.reason for w in deck.shown.run.waivers] == ["spring is warm"]
-    assert (deck.shown.run.incidents, deck.shown.run.notes) == ((), ())
-    deck.do(JumpTo(INCIDENT_AT + 0.1))
-    assert [mark.note for mark in deck.shown.run.incidents] == ["frame"]
-    assert deck.shown.log[-2].text == "incident: collision: frame"
-    assert deck.shown.log[-2].relative == pytest.approx(INCIDENT_AT, abs=0.03)
-    assert deck.shown.run.phase is Phase.RUNNING
-    deck.do(JumpTo(STOP_AT + 0.2))
-    assert (deck.shown.run.phase, deck.shown.run.outcome) == (Phase.STOPPED, Outcome.TIMEOUT)
-    assert deck.shown.result is None
-
-
-def test_after_the_end_the_later_decisions_stand_on_the_result(folder: Path) -> None:
-    shown = Deck(folder).to_the_end()
+    # the later decisions stand on it
     assert shown.run.phase is Phase.FINAL
     assert shown.run.closure is not None
     assert (shown.run.closure.team_word, shown.run.issue) == (TeamWord.ACKNOWLEDGED, 2)
@@ -96,17 +78,27 @@ def test_after_the_end_the_later_decisions_stand_on_the_result(folder: Path) -> 
     ]
 
 
-def test_what_sensors_say_is_worked_out_up_to_the_time_that_is_shown(deck: Deck) -> None:
+def test_what_sensors_and_referee_say_is_shown_as_it_was_at_that_time(deck: Deck) -> None:
     deck.do(JumpTo(-0.1))
-    assert deck.shown.run.phase is Phase.COUNTDOWN
-    assert deck.shown.run.false_starts == ()  # what was up before the countdown is none
-    deck.do(JumpTo(2.0))
+    counting = deck.shown.run
+    assert counting.phase is Phase.COUNTDOWN
+    assert counting.false_starts == ()  # what was up before the countdown is none
+    deck.do(JumpTo(INCIDENT_AT - 0.1))
     before = deck.shown
-    deck.do(JumpTo(4.5))
+    assert [w.reason for w in before.run.waivers] == ["spring is warm"]
+    assert (before.run.incidents, before.run.notes, before.steps[2].final) == ((), (), None)
+    deck.do(JumpTo(INCIDENT_AT + 0.1))
+    assert [mark.note for mark in deck.shown.run.incidents] == ["frame"]
+    assert deck.shown.log[-2].text == "incident: collision: frame"
+    assert deck.shown.log[-2].relative == pytest.approx(INCIDENT_AT, abs=0.03)
+    deck.do(JumpTo(STOP_AT - 0.5))
+    assert deck.shown.run.phase is Phase.RUNNING
     assert deck.shown.steps[2].final is not None
     assert deck.shown.door.is_open
-    deck.do(JumpTo(2.0))
-    assert deck.shown.steps[2].final is None
+    deck.do(JumpTo(STOP_AT + 0.2))
+    assert (deck.shown.run.phase, deck.shown.run.outcome) == (Phase.STOPPED, Outcome.TIMEOUT)
+    assert deck.shown.result is None
+    deck.do(JumpTo(INCIDENT_AT - 0.1))
     assert replace(deck.shown, log=()) == replace(before, log=())
     assert [line.text for line in deck.shown.log] == [line.text for line in before.log]
 

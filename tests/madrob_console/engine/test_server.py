@@ -64,9 +64,17 @@ def served(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Served]:
 
 @ENDLESS
 def test_a_run_goes_on_when_its_screen_has_gone_and_another_one_finds_it(served: Served) -> None:
-    client = served.attach()
+    """Nor can those end it who only watch: they see everything and can do nothing."""
+    watchers, client = [served.attach(Role.WATCH) for _ in range(5)], served.attach()
     start(client)
     client.close()
+    for watcher in watchers:
+        until(lambda w=watcher: w.snapshot().run.phase is Phase.RUNNING)  # type: ignore[misc]
+        assert act(watcher, Abort("me")) == "this screen only watches"
+        assert watcher.send_request(TakeOver()) == "this screen only watches"
+        for name in (*(each.name for each in ACTS), TakeOver.name, ExportTeam.name):
+            assert "only watches" in str(watcher.snapshot().refusal(name))
+        watcher.close()
     with closing(served.attach()) as later:
         assert later.snapshot().run.phase is Phase.RUNNING
         assert act(later, Abort("enough")) is None
@@ -88,21 +96,6 @@ def test_a_second_console_may_act_only_after_a_take_over_that_the_first_one_sees
         bo.close()  # the right is free again
         until(lambda: ada.snapshot().refusal("note") is None)
         assert act(ada, AddNote("mine again")) is None
-
-
-@ENDLESS
-def test_spectators_see_everything_and_can_do_nothing(served: Served) -> None:
-    watchers = [served.attach(Role.WATCH) for _ in range(5)]
-    with closing(served.attach()) as client:
-        start(client)
-        for watcher in watchers:
-            until(lambda w=watcher: w.snapshot().run.phase is Phase.RUNNING)  # type: ignore[misc]
-            assert act(watcher, Abort("me")) == "this screen only watches"
-            assert watcher.send_request(TakeOver()) == "this screen only watches"
-            for name in (*(act.name for act in ACTS), TakeOver.name, ExportTeam.name):
-                assert "only watches" in str(watcher.snapshot().refusal(name))
-            watcher.close()
-        assert client.snapshot().run.phase is Phase.RUNNING
 
 
 @pytest.fixture
