@@ -225,7 +225,7 @@ def test_the_report_tells_what_was_put_right(desk: Desk) -> None:
     assert "fall</del> taken back: my mistake" in text
 
 
-def test_a_replay_of_a_corrected_run_shows_what_was_decided_then_and_the_result_of_now(
+def test_a_replay_of_a_corrected_run_shows_the_decisions_of_then_and_today_s_result(
     desk: Desk,
 ) -> None:
     desk.act(Correct(3, CW, "typed wrongly"), Rule(Step.CROSS, confirmed=True, reason="seen"))

@@ -140,7 +140,7 @@ class Archive:
         self.asked[-1].add_done_callback(done)
 
 
-def test_a_value_is_read_again_after_a_change_and_after_a_while_one_reading_at_a_time() -> None:
+def test_a_value_is_read_again_after_a_change_and_a_while_one_reading_at_a_time() -> None:
     archive = Archive(forgets=False)
     look = archive.reading.look
     assert look(0.0, "a result") == "unknown"

@@ -112,7 +112,7 @@ def test_what_was_said_some_time_ago_is_not_taken_for_now(machine: Machine) -> N
     assert clock.now_ns() == pytest.approx(world.now_ns(), abs=1_000_000)
 
 
-def test_a_simulation_that_stands_lets_time_go_on_and_is_followed_again_when_it_goes_on(
+def test_a_simulation_that_stands_lets_time_go_on_and_is_followed_again_later(
     machine: Machine,
 ) -> None:
     clock, world = SimulationClock(), World()
@@ -399,7 +399,7 @@ def test_a_run_that_was_set_up_before_the_simulation_began_anew_is_replayed_the_
         ),
     ],
 )
-def test_stamps_of_another_clock_are_named_first_with_what_to_do_and_cannot_be_waived(
+def test_stamps_of_another_clock_are_named_first_with_what_to_do_never_waived(
     off: float, clock: float | None, words: str, hall: FaultyDrive
 ) -> None:
     hall.source.announcement = Announcement(simulated_time=clock)

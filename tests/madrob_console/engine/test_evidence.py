@@ -186,7 +186,7 @@ LATE = replace(RECORDED, topic="/camera/late")
     ],
     ids=["all is well", "some is lost", "topics alike", "silent", "killed"],
 )
-def test_what_is_told_of_evidence_is_said_once_stands_in_the_result_and_doubts_nothing(
+def test_what_is_told_of_evidence_is_said_once_is_in_the_result_and_doubts_nothing(
     drive: Watched,
     told: Sequence[Callable[[float], Mapping[str, Any]]],
     lines: Sequence[str],
@@ -254,7 +254,7 @@ def test_evidence_that_a_run_loses_is_a_fault_below_all_others_and_stops_no_run(
 
 
 @pytest.mark.parametrize("run", ["stays", "is signed", "is left", "ends with its engine"])
-def test_what_is_written_after_a_result_is_in_it_once_it_is_there_but_for_a_signed_one(
+def test_evidence_written_after_a_result_gets_into_it_unless_it_is_signed(
     drive: Watched, run: str
 ) -> None:
     drive.ended_while_it_was_written()
@@ -359,7 +359,7 @@ TIDY = "failed: `madrob tidy` makes room for evidence: "
         ),
     ],
 )
-def test_missing_evidence_and_too_little_room_are_named_and_only_a_failure_has_to_be_waived(
+def test_missing_evidence_and_too_little_room_are_named_and_a_failure_is_waived(
     tmp_path: Path, status: dict[str, Any], minutes: int, kept: int, said: str
 ) -> None:
     budget = minutes * 60 * 6 * MB
@@ -409,7 +409,7 @@ def test_the_room_does_not_jump_while_rates_begin_and_end(drive: Watched) -> Non
         assert room_at(byte_rate, after) == pytest.approx(share * usual, rel=0.1)
 
 
-def test_a_simulated_testbed_says_that_it_has_none_and_without_a_wish_there_is_no_check(
+def test_a_simulated_testbed_says_that_it_has_none_and_unwished_there_is_no_check(
     tmp_path: Path,
 ) -> None:
     plain = Drive(tmp_path / "plain")
@@ -456,7 +456,7 @@ def run() -> Told:
     return Told()
 
 
-def test_what_ended_a_recording_is_told_while_it_goes_on_and_what_goes_wrong_later_for_good(
+def test_what_ended_a_recording_is_told_while_it_lasts_and_a_later_fault_for_good(
     run: Told,
 ) -> None:
     used_up: dict[str, Any] = {"problem": "used up", "problems": ("used up",)}

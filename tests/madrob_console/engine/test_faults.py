@@ -363,7 +363,7 @@ def test_a_door_that_flickers_is_told_once_and_costs_the_journal_little(hall: Fa
         ),
     ],
 )
-def test_what_is_up_before_the_start_fails_a_check_and_when_waived_happens_at_the_start(
+def test_what_is_up_before_the_start_fails_a_check_and_if_waived_happens_at_it(
     hall: FaultyDrive, topic: str, value: float, check: CheckName, words: str, event: EventName
 ) -> None:
     hall.set_up()

@@ -51,7 +51,7 @@ def hold(hall: FaultyDrive) -> float:
     return left
 
 
-def test_while_a_false_start_waits_nothing_starts_and_accepted_it_goes_on_where_it_was(
+def test_a_false_start_holds_the_countdown_which_goes_on_where_it_was_once_accepted(
     hall: FaultyDrive,
 ) -> None:
     left = hold(hall)

@@ -77,7 +77,7 @@ def test_bag_replay_and_live_run_give_the_same_digits(
     assert next(score(bag_alone)).result == Deck(bag_alone).to_the_end().result == live
 
 
-def test_every_act_and_change_is_in_the_journal_and_in_the_bag_with_a_second_around_the_run(
+def test_every_act_and_change_is_in_journal_and_bag_with_a_second_around_the_run(
     drive: Drive,
 ) -> None:
     drive.whole_run(make_setup(timeout=1.0))

@@ -104,7 +104,7 @@ def test_a_run_that_was_re_issued_by_other_rules_is_ruled_and_signed_by_these(
 
 
 @pytest.mark.parametrize("final", [False, True])
-def test_a_run_that_was_re_issued_while_it_was_read_is_opened_only_once_it_is_read_again(
+def test_a_run_that_was_re_issued_while_it_was_read_is_opened_once_it_is_read_again(
     folder: Path, *, final: bool
 ) -> None:
     if final:

@@ -122,7 +122,7 @@ def test_it_plays_as_fast_as_is_asked(folder: Path) -> None:
     assert found == [0.5, 1.0, 2.0, 5.0, 10.0, 10.0, 10.0]
 
 
-def test_paused_it_stands_still_until_it_goes_on_and_a_machine_that_slept_skips_nothing(
+def test_paused_it_stands_still_and_a_machine_that_slept_skips_nothing(
     deck: Deck,
 ) -> None:
     deck.let_pass(1.0)

@@ -332,7 +332,7 @@ def other_runs(report: Path) -> list[str]:
 
 
 @pytest.mark.machine
-def test_after_a_correction_all_reports_and_the_site_are_true_and_what_cannot_be_is_named(
+def test_after_a_correction_reports_and_site_are_true_or_what_cannot_be_is_named(
     tmp_path: Path,
 ) -> None:
     results, site = tmp_path / "runs", tmp_path / "site"
