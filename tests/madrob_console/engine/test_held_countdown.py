@@ -79,16 +79,9 @@ def test_a_false_start_holds_the_countdown_which_goes_on_where_it_was_once_accep
     assert deck.shown.remaining == pytest.approx(left, abs=0.03)
 
 
-def test_a_countdown_that_begins_again_after_a_hold_is_whole(hall: FaultyDrive) -> None:
-    hold(hall)
-    hall.wait(LONG)
-    hall.act(RestartCountdown())
-    assert hall.engine.snapshot().remaining == pytest.approx(2.0, abs=0.1)
-    assert hall.same_everywhere().outcome is Outcome.COMPLETED
-    assert hall.engine.run.undecided_false_start is None
-
-
-def test_all_while_it_is_held_is_one_question_and_a_later_touch_another(hall: FaultyDrive) -> None:
+def test_all_while_it_is_held_is_one_question_a_later_touch_another_a_restart_whole(
+    hall: FaultyDrive,
+) -> None:
     left = hold(hall)
     hall.touch(DOOR, 0.4)
     hall.wait(LONG)
@@ -105,6 +98,11 @@ def test_all_while_it_is_held_is_one_question_and_a_later_touch_another(hall: Fa
     hall.touch()
     assert hall.engine.run.held is not None
     assert [mark.accepted is None for mark in hall.engine.run.false_starts] == [False, False, True]
+    hall.wait(LONG)
+    hall.act(RestartCountdown())
+    assert hall.engine.snapshot().remaining == pytest.approx(2.0, abs=0.1)
+    assert hall.same_everywhere().outcome is Outcome.COMPLETED
+    assert hall.engine.run.undecided_false_start is None
 
 
 def test_a_false_start_that_comes_with_the_start_holds_it(hall: FaultyDrive) -> None:
