@@ -9,6 +9,7 @@ from typing import TypeGuard
 import pytest
 
 from madrob_console.common.names import SourceKind
+from madrob_console.engine.core.acting import DURABLE_WITHIN
 from madrob_console.engine.core.effects import (
     Answer,
     ConfigureTestbed,
@@ -16,6 +17,7 @@ from madrob_console.engine.core.effects import (
     OpenRecording,
     Publish,
     RetryWriting,
+    WithdrawLine,
     WriteLine,
 )
 from madrob_console.engine.core.engine_config import EngineConfig
@@ -23,6 +25,7 @@ from madrob_console.engine.core.engine_core import Core
 from madrob_console.engine.core.inputs import (
     DoAct,
     Input,
+    LineWithdrawn,
     LineWritten,
     RecordingOpened,
     Tick,
@@ -126,6 +129,17 @@ def test_a_start_changes_nothing_until_its_line_is_on_disk(values: Values) -> No
     run = values.core.current_run.run
     assert (run.phase, run.countdown_began) == (Phase.COUNTDOWN, values.now.time)
     assert values.core.records
+
+
+def test_a_start_that_is_withdrawn_never_takes_effect(values: Values) -> None:
+    opening = values.asked_to_start()
+    (withdraw,) = values.take(Tick(), DURABLE_WITHIN)
+    assert isinstance(withdraw, WithdrawLine)
+    why = "the disk did not take it within 2 s: it is withdrawn"
+    assert values.take(LineWithdrawn(withdraw.withdrawal)) == [Answer(values.number, why)]
+    late = values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))
+    assert late == []
+    assert values.core.current_run.run.phase is Phase.READY
 
 
 def test_a_note_that_overtakes_an_act_stands_behind_it_as_on_disk(values: Values) -> None:
