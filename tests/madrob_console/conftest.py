@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive
 from tests.madrob_console.ros_peer import Peer, Taker, source
 
@@ -42,6 +43,15 @@ def peer(ros_domain: int) -> Iterator[Peer]:
     """Another participant in the domain."""
     with Peer(ros_domain) as peer:
         yield peer
+
+
+@pytest.fixture
+def madrob(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Madrob:
+    """Types command lines, without the settings of whoever tests."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    return Madrob(capsys)
 
 
 @pytest.fixture

@@ -118,6 +118,10 @@ LINES = [
     ("plan --plan plan.csv --json plan.json", "plan.json: no such folder; name a folder with runs"),
     ("tidy --results results", "say what stays: --keep-runs, --older-than or --until-free"),
     ("tidy --results none --older-than 7d", "no such results folder; name one with --results"),
+    ("table runs results --testbed-name 'Hall B'", "no such runs; there are 'Hall A'"),
+    ("table runs none --output file", "no such folder"),
+    ("table samples run", "--output"),
+    ("table samples run --output file", "file: "),
     ("recover empty", "choose a rosbag2 bag folder or an .mcap file"),
     ("calibrate masks none", "No such file"),
     ("calibrate masks '\x1b[31mred'", "is no bag"),
@@ -143,7 +147,7 @@ def things(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (here / "run").symlink_to(completed())
     shutil.copy(completed() / "journal.jsonl", here / "alone")
     publish(recorded(Scenario.TOUCH_ONLY), here / "published")
-    write(here / "results", summary())
+    write(here / "results", summary(testbed="Hall A"))
     with BagWriter(here / "foreign", door_topics(), {}) as writer:
         writer.put_message(door_messages(rounds=1)[0])
     return here

@@ -17,6 +17,7 @@ from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import jsonschema
 import msgspec
@@ -30,7 +31,6 @@ from rosbags.rosbag2 import Reader
 from madrob_console.archive.collection import collected_in
 from madrob_console.archive.folders import run_folder_names
 from madrob_console.archive.result_document import ResultDocument
-from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold
 from madrob_console.common.names import terminal_safe
@@ -60,6 +60,7 @@ from recorder.reader import Bag
 from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Signal, Thresholds
 from scoring.rest import HandleRest
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.recorded_runs import list_files, recorded
 from tests.madrob_console.run_folders import EPOCH, UNDECIDED_START, document, summary, write
@@ -67,13 +68,6 @@ from tests.recorder.samples import add_evidence, strings, talk
 
 NOW = 1_790_000_000.0
 JOINTS = "time,position,velocity,acceleration\n"
-
-
-@pytest.fixture(autouse=True)
-def _own_settings(
-    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.getbasetemp() / "config"))
 
 
 @pytest.fixture(scope="module")
@@ -103,21 +97,23 @@ def folders(root: Path, subject: int = 3) -> list[Path]:
     return sorted(root / name for name in names if f"subject_{subject:03d}" in name)
 
 
-def export(root: Path, *, bags: bool = True, practice: bool = False) -> pack.Export:
-    def report(_run: Path) -> tuple[dict[str, bytes], list[str]]:
-        return {"report.html": b"page"}, []
+Report = tuple[dict[str, bytes], list[str]]
+NO_REPORT: Report = {}, []
 
+
+def export(
+    root: Path,
+    report: Callable[[Path], Report] = lambda _: ({"report.html": b"page"}, []),
+    *,
+    bags: bool = True,
+    practice: bool = False,
+) -> pack.Export:
     contents = team_contents(collected_in(root), 3, NOW, practice=practice)
     return pack.pack(contents, report, parts=BagParts(bags))
 
 
-def held(folder: Path) -> Hold:
-    """An engine works on the run."""
-    return Hold(folder / HOLD_FILE)
-
-
-def command(root: Path, *options: object) -> int:
-    return main(["export", "--subject=3", f"--results={root}", *map(str, options)])
+TEAM_3 = "export --subject 3 --results"
+PRACTICE = "export --practice --subject 3 --results"
 
 
 def read(path: Path) -> dict[str, bytes]:
@@ -133,24 +129,20 @@ def text_of(path: Path) -> str:
 
 def unpacked(path: Path, target: Path) -> Path:
     """A clean folder with what is in a zip."""
-    with zipfile.ZipFile(path) as packed:
-        packed.extractall(target)
+    shutil.unpack_archive(path, target)
     return target
 
 
 @pytest.mark.machine
 def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
-    recorded_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recorded_root: Path, tmp_path: Path, madrob: Madrob, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "home.zip"
-    assert command(recorded_root, "--practice", "--output", target) == 0
-    said = capsys.readouterr()
-    assert (said.out.splitlines()[-1], said.err) == (str(target), "")
+    said = madrob.say(PRACTICE, recorded_root, "--output", target)
+    assert (said.code, said.out.splitlines()[-1], said.err) == (0, str(target), "")
     home = unpacked(target, tmp_path / "home")
-    sums = subprocess.run(
-        ["sha256sum", "-c", "SHA256SUMS"], cwd=home, capture_output=True, text=True, check=True
-    )
-    assert sums.stdout.count(": OK") == sum(path.is_file() for path in home.rglob("*")) - 1
+    sums = subprocess.check_output(["sha256sum", "-c", "SHA256SUMS"], cwd=home, text=True)
+    assert sums.count(": OK") == sum(path.is_file() for path in home.rglob("*")) - 1
     (run,) = recorded_root.glob("practice/*")
     assert all(
         (home / run.name / one.name).read_bytes() == one.read_bytes()
@@ -158,9 +150,7 @@ def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
         if one.suffix != ".mcap"  # that has the result with it
     )
     text = (home / "README.txt").read_text()
-    begin = text.index("import pandas")
-    lines = text[begin : text.index("\n\n", begin)]
-    assert lines.count("\n") == 2
+    (lines,) = re.findall(r"^ *import pandas.*\n.*\n.*(?=\n\n)", text, re.MULTILINE)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(home)
         exec(lines, {})
@@ -177,30 +167,25 @@ def test_a_team_opens_every_file_of_its_zip_as_the_text_in_it_says(
 
 
 def test_a_bag_alone_from_a_zip_is_compared_with_the_result_that_is_attached_to_it(
-    recorded_root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recorded_root: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     (run,) = recorded_root.glob("practice/*")
     stored = {path.name: path.read_bytes() for path in run.iterdir()}
-    command(recorded_root, "--practice", "--output", tmp_path / "home.zip")
+    madrob(PRACTICE, recorded_root, "--output", tmp_path / "home.zip")
     assert {path.name: path.read_bytes() for path in run.iterdir()} == stored
     home = unpacked(tmp_path / "home.zip", tmp_path / "home") / run.name
-    bag = f"{run.name}_0.mcap"
+    bag, alone = f"{run.name}_0.mcap", tmp_path / "alone"
     assert (home / bag).read_bytes() != stored[bag]
-    alone = tmp_path / "alone"
-    alone.mkdir()
-    for name in (bag, "metadata.yaml"):
-        shutil.copy(home / name, alone)
-    capsys.readouterr()
+    shutil.copytree(home, alone, ignore=lambda *_: {*stored} - {bag, "metadata.yaml"} | {"seconds"})
+    assert len(list(alone.iterdir())) == 2
     for path in (home, alone, alone / bag):
-        assert main(["score", "--check", str(path)]) == 0
-        assert "same digits" in capsys.readouterr().out
+        assert "same digits" in madrob("score --check", path)
     result = json.loads((home / "result.json").read_text())
     result["indicators"]["execution_time"]["value"] = 1.0
     other = attach(BytesIO(stored[bag]), "result.json", "", json.dumps(result).encode())
     assert other is not None
     (alone / bag).write_bytes(stored[bag][: other.begin] + other.data)
-    assert main(["score", "--check", str(alone)]) == 1
-    assert "execution_time" in capsys.readouterr().out
+    assert "execution_time" in madrob("score --check", alone, code=1)
 
 
 def test_only_the_teams_official_runs_are_packed_oldest_first_into_the_same_bytes(
@@ -226,30 +211,23 @@ def test_only_the_teams_official_runs_are_packed_oldest_first_into_the_same_byte
     assert sorted(run_folder_names(root)) == runs  # zips are no runs
 
 
-def tables_in(packed: dict[str, bytes]) -> dict[str, pd.DataFrame]:
-    return {n: pd.read_csv(BytesIO(data)) for n, data in packed.items() if n.endswith(".csv")}
-
-
 @pytest.mark.parametrize("dossier", [False, True])
 def test_every_table_has_seconds_since_the_start_and_the_legend_explains_each_column(
-    *, dossier: bool, recorded_root: Path, tmp_path: Path
+    *, dossier: bool, recorded_root: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     (run,) = recorded_root.glob("practice/*")
     target = tmp_path / "a.zip"
-    if dossier:
-        assert main(["export", "--dossier", f"--run={run}", f"--output={target}"]) == 0
-    else:
-        assert command(recorded_root, "--practice", "--output", target) == 0
+    line = ("export --dossier --run", run) if dossier else (PRACTICE, recorded_root)
+    madrob(*line, "--output", target)
     packed, start = read(target), json.loads((run / "result.json").read_text())["start"]
-    legend, tables = packed["COLUMNS.txt"].decode(), tables_in(packed)
+    legend = packed["COLUMNS.txt"].decode()
+    tables = {n: pd.read_csv(BytesIO(data)) for n, data in packed.items() if n.endswith(".csv")}
     assert {"runs.csv", "indicators.csv", "events.csv", "steps.csv"} <= set(tables)
     assert any(name.startswith("tables/") for name in tables) == dossier
     for name, table in tables.items():
         assert all(re.search(rf"\b{column}\b", legend) for column in table.columns), name
         if re.fullmatch(rf"{run.name}/[^/]*", name):  # EUROBENCH defines it
-            (own,) = (
-                tables[one] for one in tables if f"{run.name}/seconds/{Path(name).name}" == one
-            )
+            own = tables[f"{run.name}/seconds/{Path(name).name}"]
             pd.testing.assert_frame_equal(own.drop(columns="since_start"), table)
         elif "time" in table:
             seconds = (table.time - start).round(6)
@@ -257,21 +235,28 @@ def test_every_table_has_seconds_since_the_start_and_the_legend_explains_each_co
     assert tables["runs.csv"].place.tolist() == [run.name]
 
 
-def test_the_page_of_the_zip_leads_to_what_is_in_it_and_shows_each_value(root: Path) -> None:
+def test_page_and_text_lead_to_what_is_there_and_say_how_each_run_ended(root: Path) -> None:
     team = "<b>Team\x1b]0;owned\x07"
     write(root, summary(3, run_number=4, hour=5, outcome=Outcome.ABORTED, values={}, team=team))
-    first, second, *_ = folders(root)
-    for run in (first, second):
+    write(root, summary(3, run_number=5, hour=6, flags=(UNDECIDED_START,), team=team))
+    write(root, summary(3, run_number=6, hour=7, testbed="Hall A", run_id="0193a", team=team))
+    for run in folders(root)[:2]:
         (run / "report.html").touch()
     packed = read(export(root).path)
-    page = packed["index.html"].decode()
+    page, text = packed["index.html"].decode(), packed["README.txt"].decode()
     assert "<h1>MADROB: runs of subject 3 &lt;b&gt;Team</h1>" in page
     led = set(re.findall(r'<a href="([^"]+)"', page))
     assert led <= set(packed)
-    assert {f"{first.name}/report.html", "runs.csv", "COLUMNS.txt"} <= led
-    assert page.count("17.4320") == 3
-    assert "completed, not final" in page
-    assert "aborted, not final" in page
+    assert {f"{folders(root)[0].name}/report.html", "runs.csv", "COLUMNS.txt"} <= led
+    assert page.count("17.4320") == 5
+    for words in ("completed, not final", "aborted, not final"):
+        assert words in page
+    for words in (
+        "run 6: completed, not final; Hall A; 0193a\n",
+        "run 4: aborted, not final\n",
+        "run 5: completed, not final, 1 false start UNDECIDED (handle touched)\n",
+    ):
+        assert f"condition 7, {words}" in text
 
 
 DAMAGED = {
@@ -317,22 +302,13 @@ def bag_of(folder: Path, *numbers: int) -> int:
     return len(FRAMES)
 
 
-def opened_by_others(folder: Path) -> tuple[list[str], int]:
-    """The files that metadata.yaml lists, and how many messages rosbags finds in them."""
-    listed = yaml.safe_load((folder / "metadata.yaml").read_text())
-    with Reader(folder) as reader:
-        count = sum(1 for _ in reader.messages())
-    return listed["rosbag2_bagfile_information"]["relative_file_paths"], count
-
-
 @pytest.mark.parametrize("evidence", [True, False])
 def test_evidence_is_packed_or_left_out_and_metadata_lists_what_is_there(
-    *, evidence: bool, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    *, evidence: bool, root: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     run = folders(root)[0]
     count = bag_of(run, 0, 1)
-    assert command(root, *([] if evidence else ["--without-evidence"])) == 0
-    said = capsys.readouterr()
+    said = madrob.say(TEAM_3, root, *([] if evidence else ["--without-evidence"]))
     note = (
         r"madrob: note: packing 0\.\d MB, 0\.\d MB of it evidence "
         r"\(--without-evidence leaves that out\)\n"
@@ -340,8 +316,11 @@ def test_evidence_is_packed_or_left_out_and_metadata_lists_what_is_there(
     assert re.fullmatch(note if evidence else "", said.err)
     there = unpacked(Path(said.out.splitlines()[-1]), tmp_path / "there")
     names = [f"{run.name}_0.mcap", *(f"{run.name}_evidence_{n}.mcap" for n in (0, 1))]
-    expected = (names, 3 * count) if evidence else (names[:1], count)
-    assert opened_by_others(there / run.name) == expected
+    listed = yaml.safe_load((there / run.name / "metadata.yaml").read_text())
+    files = listed["rosbag2_bagfile_information"]["relative_file_paths"]
+    with Reader(there / run.name) as reader:
+        found = files, sum(1 for _ in reader.messages())
+    assert found == ((names, 3 * count) if evidence else (names[:1], count))
     assert bool(list(there.rglob("*evidence*"))) == evidence
     text = (there / "README.txt").read_text()
     assert (f"  {run.name}_evidence_0.mcap: evidence: cameras and" in text) == evidence
@@ -353,77 +332,50 @@ def test_evidence_is_packed_or_left_out_and_metadata_lists_what_is_there(
     assert both in plain["README.txt"]
 
 
-def test_only_reports_of_the_runs_as_they_are_now_are_packed(root: Path, tmp_path: Path) -> None:
+def test_only_reports_of_the_runs_as_they_are_now_are_packed(root: Path) -> None:
     first, second, _ = folders(root)
     for run in (first, second):
         (run / "report.html").write_text("somebody's")
-
-    def report(run: Path) -> tuple[dict[str, bytes], list[str]]:
-        if run == second:
-            return {}, ["report.html: cannot be made"]
-        return {"report.html": b"page"}, []
-
-    target = tmp_path / "a.zip"
-    made = pack.pack(team_contents(collected_in(root), 3, NOW), report, target=target)
+    reports = {first: ({"report.html": b"page"}, []), second: ({}, ["report.html: cannot be made"])}
+    made = export(root, lambda run: reports.get(run, NO_REPORT))
     assert made.problems == (f"{second.name}/report.html: cannot be made",)
-    packed = read(target)
-    assert {name: data for name, data in packed.items() if "report.html" in name} == {
-        f"{first.name}/report.html": b"page"
-    }
+    packed = {name: data for name, data in read(made.path).items() if "report.html" in name}
+    assert packed == {f"{first.name}/report.html": b"page"}
 
 
-def test_of_two_runs_with_one_name_one_is_packed_and_the_other_is_named(
-    root: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    other = root.with_name("hall_b")
-    twin = summary(3, run_number=1, team="Team 3", run_id="of hall b")
-    assert twin.folder == folders(root)[0].name
-    write(other, twin)
-    target = root.with_name("a.zip")
-    code = main(["export", "--subject=3", str(root), str(other), f"--output={target}"])
-    said = capsys.readouterr().err
-    assert (code, said.count("another run has this name: export its results folder alone")) == (
-        2,
-        1,
-    )
-    assert sum(name.endswith("/result.json") for name in read(target)) == 3
-
-
-def test_the_run_that_goes_on_is_left_out_and_named(
-    root: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    going_on, done = folders(root)[2], folders(root)[1]
+def test_the_run_that_goes_on_is_left_out_and_named(root: Path, madrob: Madrob) -> None:
+    _, done, going_on = folders(root)
     (going_on / "result.json").unlink()
-    with held(going_on), held(done):  # the engine holds a run until the next one is set up
-        assert command(root) == 2
-        said = capsys.readouterr()
-    assert said.err == f"madrob: {going_on.name}: this run goes on: export again after it\n"
+    # the engine holds a run until the next one is set up
+    with Hold(going_on / HOLD_FILE), Hold(done / HOLD_FILE):
+        said = madrob.say(TEAM_3, root)
+    line = f"{going_on.name}: this run goes on: export again after it\n"
+    assert (said.code, said.err) == (2, f"madrob: {line}")
     packed = read(Path(said.out.splitlines()[-1]))
     assert f"{going_on.name}: this run goes on" in packed["README.txt"].decode()
-    assert not any(name.startswith(going_on.name) for name in packed)
-    assert any(name.startswith(done.name) for name in packed)
+    assert {name.split("/")[0] for name in packed if "/" in name} == {
+        run.name for run in folders(root)[:2]
+    }
 
 
 @pytest.mark.parametrize(
     ("team", "words"),
     [
-        ("7", "there are runs of subject 3, 4"),
-        ("999", "subject 999 has no runs"),
-        ("4", "only run of subject 4 goes on"),
-        ("5", "--practice"),
+        (7, "there are runs of subject 3, 4"),
+        (999, "subject 999 has no runs"),
+        (4, "only run of subject 4 goes on"),
+        (5, "--practice"),
     ],
 )
 def test_a_team_without_runs_to_pack_is_told_in_a_line_and_makes_no_zip(
-    team: str, words: str, root: Path, capsys: pytest.CaptureFixture[str]
+    team: int, words: str, root: Path, madrob: Madrob
 ) -> None:
     (only,) = folders(root, 4)
     (only / "result.json").unlink()
-    if team == "5":
+    if team == 5:
         write(root, summary(5, practice=True))
-    with held(only):
-        assert main(["export", f"--subject={team}", f"--results={root}"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert words in line
+    with Hold(only / HOLD_FILE):
+        assert words in madrob.refusal(f"export --subject {team} --results", root)
     assert not (root / "exports").exists()
 
 
@@ -521,32 +473,30 @@ UNSAFE = (
 
 
 def test_names_that_lead_out_of_the_folder_or_steer_a_terminal_are_left_out_and_named(
-    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    root: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     first = folders(root)[0]
     for name in (*UNSAFE, "plain name.csv", "..\\..\\hidden.bat"):
         (first / name).write_text("x")
-    target = tmp_path / "home.zip"
-    assert command(root, f"--output={target}") == 2
-    said = capsys.readouterr().err
-    packed = read(target)
-    own = {name.removeprefix(f"{first.name}/") for name, data in packed.items() if data == b"x"}
-    assert own == {"plain name.csv"}
+    said = madrob.say(TEAM_3, root, "--output", tmp_path / "home.zip")
+    packed = read(tmp_path / "home.zip")
+    assert [name for name, data in packed.items() if data == b"x"] == [
+        f"{first.name}/plain name.csv"
+    ]
     why = ": its name cannot be unpacked everywhere: rename it"
-    assert packed["README.txt"].decode().count(why) == said.count(why) == len(UNSAFE)
+    told = packed["README.txt"].decode()
+    assert (said.code, told.count(why), said.err.count(why)) == (2, len(UNSAFE), len(UNSAFE))
 
 
 def test_a_file_that_shrinks_is_named_and_has_no_sum(
     root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first = folders(root)[0]
-    fstat = os.fstat
+    first, fstat = folders(root)[0], os.fstat
+    shrinking = (first / "metadata.yaml").stat().st_ino
 
     def larger(number: int) -> os.stat_result:
-        found = fstat(number)
-        values = list(found)
-        if found.st_ino == (first / "metadata.yaml").stat().st_ino:
-            values[6] += 10
+        values = list(fstat(number))
+        values[6] += 10 if values[1] == shrinking else 0
         return os.stat_result(values)
 
     monkeypatch.setattr(os, "fstat", larger)
@@ -560,14 +510,11 @@ def test_a_file_that_shrinks_is_named_and_has_no_sum(
 def test_a_disk_that_refuses_leaves_no_half_zip(
     root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(zip_file.Archive, "finish", _full_disk)
+    full = Mock(side_effect=OSError(28, "No space left on device"))
+    monkeypatch.setattr(zip_file.Archive, "finish", full)
     with pytest.raises(MadrobError, match=r"\.zip: not written \(No space left on device\)"):
         export(root)
     assert not (root / "exports").exists()
-
-
-def _full_disk(*_arguments: object) -> None:
-    raise OSError(28, "No space left on device")
 
 
 def test_a_result_that_changes_meanwhile_is_named(
@@ -585,34 +532,23 @@ def test_a_result_that_changes_meanwhile_is_named(
     assert export(root).problems == (f"{first.name}: its result changed meanwhile: export again",)
 
 
-def test_the_text_says_how_each_run_ended_and_what_a_decision_hangs_on(root: Path) -> None:
-    write(root, summary(3, run_number=4, hour=5, outcome=Outcome.ABORTED, values={}))
-    write(root, summary(3, run_number=5, hour=6, flags=(UNDECIDED_START,)))
-    write(root, summary(3, run_number=6, hour=7, testbed="Hall A", run_id="0193a"))
-    text = text_of(export(root).path)
-    for words in (
-        "run 6: completed, not final; Hall A; 0193a\n",
-        "run 4: aborted, not final\n",
-        "run 5: completed, not final, 1 false start UNDECIDED (handle touched)\n",
-    ):
-        assert f"condition 7, {words}" in text
-
-
 def test_practice_runs_are_packed_apart_wherever_they_lie(root: Path) -> None:
     where_they_were = summary(3, run_number=4, hour=5, source="simulated")
+    moved = summary(3, run_number=2, hour=7)  # somebody put it there: it does not count either
     write(root, where_they_were)
     write(root / "practice", summary(3, run_number=1, hour=6, practice=True))
-    moved = summary(3, run_number=2, hour=7)  # somebody put it there: it does not count either
     write(root / "practice", moved)
     official, practice = export(root), export(root, practice=True)
-    assert (official.runs, practice.runs) == (3, 3)
+    assert (official.runs, practice.runs, "_practice_" in practice.path.name) == (3, 3, True)
     assert not re.search(f"PRACTICE|{where_they_were.folder}", text_of(official.path))
     text = text_of(practice.path)
     assert text.startswith("MADROB: PRACTICE runs of subject 3 ")
-    assert "condition 7, run 4: completed, not final, PRACTICE, simulated\n" in text
-    assert "condition 7, run 1: completed, not final, PRACTICE\n" in text
-    assert moved.folder in text
-    assert "_practice_" in practice.path.name
+    for words in (
+        "condition 7, run 4: completed, not final, PRACTICE, simulated\n",
+        "condition 7, run 1: completed, not final, PRACTICE\n",
+        moved.folder,
+    ):
+        assert words in text
 
 
 @given(team=st.text(max_size=60), subject=st.integers(1, 999))

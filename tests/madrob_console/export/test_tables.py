@@ -22,14 +22,14 @@ from madrob_console.archive.table_columns import (
     TidyTable,
 )
 from madrob_console.archive.table_rows import Frames
-from madrob_console.cli.main import main
 from madrob_console.cli.table_command import write_samples
 from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import PASSAGE_SENSORS, Thresholds
 from scoring.rulesets import EUROBENCH_2020, RulesetName
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.recorded_runs import appealed, copy_run, publish, recorded
+from tests.madrob_console.recorded_runs import appealed, copy_run, ended_after, publish, recorded
 from tests.madrob_console.run_folders import summary, write
 
 _EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if pd.__version__ < "3" else {}
@@ -45,13 +45,6 @@ def plain(frame: pd.DataFrame) -> pd.DataFrame:
     """With None where nothing stands, as csv has it."""
     cells = frame.astype(object)
     return cells.where(cells.notna() & (cells != ""), None)
-
-
-def code_of(*arguments: object) -> int:
-    try:
-        return main(["table", *map(str, arguments)])
-    except SystemExit as end:  # argparse
-        return int(end.code or 0)
 
 
 # ---------------------------------------------------------------- of all runs
@@ -70,17 +63,16 @@ def results_below(root: Path) -> list[dict[str, Any]]:
     return [json.loads(path.read_text()) for path in sorted(root.rglob("result.json"))]
 
 
-def table(capsys: pytest.CaptureFixture[str], name: str, *arguments: object) -> pd.DataFrame:
-    assert code_of(name, *arguments) == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    return read_csv(StringIO(told.out))
+def table(madrob: Madrob, name: str, *arguments: object) -> pd.DataFrame:
+    said = madrob.say(f"table {name}", *arguments)
+    assert (said.code, said.err) == (0, "")
+    return read_csv(StringIO(said.out))
 
 
 def test_runs_has_a_row_for_each_run_with_whose_and_which_it_is(
-    archive: Path, capsys: pytest.CaptureFixture[str]
+    archive: Path, madrob: Madrob
 ) -> None:
-    frame = table(capsys, "runs", archive)
+    frame = table(madrob, "runs", archive)
     for row, stored in zip(frame.to_dict("records"), results_below(archive), strict=True):
         same = ("subject", "team", "run_id", "testbed", "start", "outcome", "ruleset", "issue")
         expected = {key: stored[key] for key in same} | {
@@ -98,8 +90,15 @@ def test_runs_has_a_row_for_each_run_with_whose_and_which_it_is(
         assert json.loads((Path(row["place"]) / "result.json").read_text()) == stored
 
 
+def put(root: Path, result: dict[str, Any], number: int = 1) -> None:
+    """A run of which there is no more than a result."""
+    folder = root / f"subject_003_cond_001_run_001_2023111{number}_221323"
+    folder.mkdir(exist_ok=True)
+    (folder / "result.json").write_text(json.dumps(result))
+
+
 def test_runs_tells_which_numbers_are_not_the_protocols_and_who_reads_a_signal_otherwise(
-    archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    archive: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     (first, _) = results_below(archive)
     del first["journal"]
@@ -109,41 +108,37 @@ def test_runs_tells_which_numbers_are_not_the_protocols_and_who_reads_a_signal_o
     scaled = [one | {"scale": 2.0} if one["signal"] == "handle force" else one for one in told]
     halls = {"A": told, "B": told[::-1], "C": scaled, "D": None}
     for number, (hall, mappings) in enumerate(halls.items(), start=1):
-        folder = tmp_path / f"subject_003_cond_001_run_001_2023111{number}_221323"
-        folder.mkdir()
         key = {} if mappings is None else {"mappings": mappings}
-        result = first | key | {"testbed": hall, "run_id": hall}
-        (folder / "result.json").write_text(json.dumps(result))
-    frame = table(capsys, "runs", tmp_path).set_index("testbed")
+        put(tmp_path, first | key | {"testbed": hall, "run_id": hall}, number)
+    frame = table(madrob, "runs", tmp_path).set_index("testbed")
     assert set(frame.thresholds_changed) == {"lintel_height 2.2; doubt.gap_reach 0.5"}
     digests = frame.mapping_sha256
     assert digests.A == digests.B != digests.C
     assert [len(digests[hall]) for hall in "ABC"] == [16] * 3
     assert pd.isna(digests.D)
-    path = folder / "result.json"
-    path.write_text(path.read_text().replace('"testbed": "D"', '"testbed": "E"'))
-    assert set(table(capsys, "runs", tmp_path).testbed) == set("ABCE")
+    put(tmp_path, first | {"testbed": "E", "run_id": "D"}, 4)  # it is read again
+    assert set(table(madrob, "runs", tmp_path).testbed) == set("ABCE")
 
 
-@pytest.mark.parametrize("team", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\x1b[31m=1", "\uff1d1"])
+@pytest.mark.parametrize(
+    "team",
+    ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\x1b[31m=1", "\uff1d1", '=HYPERLINK("http://x")'],
+)
 def test_no_text_of_a_table_is_run_by_a_spreadsheet_or_obeyed_by_a_terminal(
-    team: str, archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    team: str, archive: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
-    (first, _) = results_below(archive)
-    folder = tmp_path / "subject_003_cond_001_run_001_20231114_221323"
-    folder.mkdir()
-    (folder / "result.json").write_text(json.dumps(first | {"team": team}))
-    (found,) = table(capsys, "runs", tmp_path).team
+    put(tmp_path, results_below(archive)[0] | {"team": team})
+    (found,) = table(madrob, "runs", tmp_path).team
     assert found.startswith(("'", " ="))
     assert found.isprintable()
     assert Frames(tmp_path)["runs"].team.tolist() == [found.removeprefix("'")]
 
 
 def test_indicators_events_and_steps_have_what_the_results_have(
-    archive: Path, capsys: pytest.CaptureFixture[str]
+    archive: Path, madrob: Madrob
 ) -> None:
     results = {result["run_id"]: result for result in results_below(archive)}
-    told = {name: plain(table(capsys, name, archive)) for name in ("indicators", "events", "steps")}
+    told = {name: plain(table(madrob, name, archive)) for name in ("indicators", "events", "steps")}
     unknown = {"u": None, "expanded": None, "rest": None}
     columns = [
         *("run_id", "indicator", "value", "uncertainty", "expanded_uncertainty", "at_rest"),
@@ -169,80 +164,47 @@ def test_indicators_events_and_steps_have_what_the_results_have(
 
 
 def test_a_run_that_is_there_twice_is_one_row_and_what_has_no_result_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, madrob: Madrob
 ) -> None:
     for number in range(1, 6):
         write(tmp_path / "a", summary(3, run_number=number, run_id=f"the {number}th"))
     (tmp_path / "a/subject_003_cond_001_run_009_20231114_221323").mkdir()
     shutil.copytree(tmp_path / "a", tmp_path / "deep/er/b")
-    assert code_of("runs", tmp_path) == 2
-    told = capsys.readouterr()
-    rows = read_csv(StringIO(told.out))
-    assert len(rows) == rows.run_id.nunique() == 5
-    assert told.err.count("has no result.json") == 2
-    assert told.err.count("the same run as") == 3
-    assert "and 2 more runs that are there twice" in told.err
+    said = madrob.say("table runs", tmp_path)
+    rows = read_csv(StringIO(said.out))
+    assert (said.code, len(rows), rows.run_id.nunique()) == (2, 5, 5)
+    counts = {"has no result.json": 2, "the same run as": 3, "2 more runs that are there twice": 1}
+    assert {words: said.err.count(words) for words in counts} == counts
 
 
 @pytest.mark.parametrize("one", [*RUN_TABLES, *SAMPLE_TABLES], ids=lambda one: one.name)
-def test_help_and_columns_say_of_each_column_what_it_is(
-    one: TidyTable, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_help_and_columns_say_of_each_column_what_it_is(one: TidyTable, madrob: Madrob) -> None:
     of_runs = one in RUN_TABLES
     name = one.name if of_runs else "samples"
-    for command in ([name, "--help"], *([[name, "--columns"], ["--columns"]] if of_runs else [])):
-        assert code_of(*command) == 0
-        text = " ".join(capsys.readouterr().out.split())
+    lines = (f"{name} --help", f"{name} --columns", "--columns") if of_runs else (f"{name} --help",)
+    for line in lines:
+        text = " ".join(madrob(f"table {line}").split())
         assert of_runs or f"{one.name}: {one.row} " in text
         for column in one.columns if of_runs or one is DOOR else ():
             assert " ".join(f"{column.name} {column.unit} {column.meaning}".split()) in text
     assert not of_runs or one.columns[: len(WHOSE)] == WHOSE
 
 
-REFUSED: dict[str, tuple[list[str], str]] = {
-    "no such testbed": (
-        ["runs", "{root}", "--testbed-name", "Hall B"],
-        "no such runs; there are 'Hall A'",
-    ),
-    "no such folder": (["runs", "{root}/none", "--output", "{kept}"], "no such folder"),
-    "no place for samples": (["samples", "{run}"], "--output"),
-    "a file for a folder": (["samples", "{run}", "--output", "{kept}"], "{kept}: "),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_cannot_be_made_is_a_line_and_leaves_what_is_there(
-    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write(tmp_path, summary(testbed="Hall A"))
-    kept = tmp_path / "kept.csv"
-    kept.write_text("kept\n")
-    arguments, words = REFUSED[case]
-    places = {"root": tmp_path, "kept": kept, "run": recorded(Scenario.TOUCH_ONLY)}
-    assert code_of(*(word.format(**places) for word in arguments)) == 2
-    told = capsys.readouterr()
-    assert words.format(**places) in told.err.splitlines()[-1]
-    assert told.out == ""
-    assert kept.read_text() == "kept\n"
-    assert not (tmp_path / "tables").exists()
-
-
-def test_a_table_without_rows_has_its_columns(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_table_without_rows_has_its_columns(tmp_path: Path, madrob: Madrob) -> None:
     write(tmp_path, summary(testbed="Hall B"))
-    assert code_of("events", tmp_path, "--testbed-name", "Hall B") == 0
-    assert capsys.readouterr().out.startswith("subject,team,condition,run,run_id,testbed,")
+    out = madrob("table events", tmp_path, "--testbed-name", "Hall B")
+    assert out.startswith("subject,team,condition,run,run_id,testbed,")
 
 
 # ---------------------------------------------------------------- of a run's samples
 
 
-def samples_of(run: Path, folder: Path, *options: str) -> dict[str, pd.DataFrame]:
+def samples_of(run: Path, folder: Path, rules: RulesetName | None) -> dict[str, pd.DataFrame]:
     """The tables of a run, by name."""
-    assert code_of("samples", run, "--output", folder, *options) == 0
+    (of,) = runs_at(run)
+    write_samples(of, output=folder, rules=rules)
     found = {one.name: folder / f"{run.name}_{one.name}.csv" for one in SAMPLE_TABLES}
-    assert set(folder.glob("*.csv")) == set(found.values())
+    assert set(folder.glob("*.csv")) >= set(found.values())
     return {name: read_csv(path) for name, path in found.items()}
 
 
@@ -253,7 +215,7 @@ def run() -> Path:
 
 @pytest.fixture(scope="module")
 def tables(run: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, pd.DataFrame]:
-    return samples_of(run, tmp_path_factory.mktemp("far") / "tables")
+    return samples_of(run, tmp_path_factory.mktemp("far"), None)
 
 
 def test_the_rows_of_the_run_are_those_behind_its_result_to_the_last_digit(
@@ -304,29 +266,30 @@ def test_each_used_passage_sensor_has_its_reading_its_state_and_its_mask(
     assert masked.between(opened.min() - 0.02, opened.max() + 0.02).all()
 
 
-def test_other_rules_give_other_tables(run: Path, tmp_path: Path) -> None:
-    tables = samples_of(run, tmp_path, "--ruleset", "eurobench-2020")
+def test_other_rules_give_other_tables(run: Path, tmp_path: Path, madrob: Madrob) -> None:
+    madrob(f"table samples --ruleset eurobench-2020 --output {tmp_path}", run)
+    facts, door = (read_csv(tmp_path / f"{run.name}_{name}.csv") for name in ("run", "door"))
     (scored,) = score(run, RulesetName.EUROBENCH_2020)
-    facts, door = tables["run"].iloc[0], tables["door"]
-    told = (facts.ruleset, facts.present_height, facts.rows_from, facts.rows_until)
-    assert told == ("eurobench-2020", EUROBENCH_2020.present_height, -np.inf, np.inf)
+    assert facts[["ruleset", "present_height", "rows_from", "rows_until"]].to_numpy().tolist() == [
+        ["eurobench-2020", EUROBENCH_2020.present_height, -np.inf, np.inf]
+    ]
     np.testing.assert_array_equal(door.low_passed_acceleration, scored.result.rows.low_passed)
     assert door.jerk.dropna().tolist() == scored.result.rows.jerk.tolist()
 
 
 def test_a_bad_run_is_named_and_the_others_have_their_tables(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     results, output = tmp_path / "results", tmp_path / "tables"
     copies = [copy_run(results, number) for number in (1, 2)]
     twin = shutil.copytree(copies[0], tmp_path / "elsewhere" / copies[0].name)
     publish(run, tmp_path / "published")
     paths = (results, tmp_path / "nowhere", twin, tmp_path / "published")
-    assert code_of("samples", *paths, "--output", output) == 2
-    said = capsys.readouterr()
-    assert said.out.splitlines() == [
-        str(output / f"{copy.name}_{table.name}.csv") for copy in copies for table in SAMPLE_TABLES
-    ]
+    said = madrob.say("table samples", *paths, "--output", output)
+    assert (said.code, said.out.splitlines()) == (
+        2,
+        [str(output / f"{copy.name}_{one.name}.csv") for copy in copies for one in SAMPLE_TABLES],
+    )
     same_name, nowhere, published = said.err.splitlines()
     assert str(tmp_path / "nowhere") in nowhere
     assert f"{twin}: is called like {copies[0]}" in same_name
@@ -334,21 +297,14 @@ def test_a_bad_run_is_named_and_the_others_have_their_tables(
 
 
 def test_an_aborted_run_has_its_series_too_and_the_latch_sensor_a_table(tmp_path: Path) -> None:
+    aborted = samples_of(ended_after(6.0, Abort("somebody in the doorway")), tmp_path, None)
+    assert aborted["run"].outcome.tolist() == ["aborted"]
+    assert aborted["door"].since_start.max() > 3.0
     drive = Drive(tmp_path / "results", latch=True)
-    drive.start(make_setup())
-    drive.wait(3.0)
-    drive.act(Abort("somebody in the doorway"))
-    drive.finish()
-    drive.whole_run(make_setup(run_number=2))
+    drive.whole_run(make_setup())
     drive.engine.close()
-    aborted, whole = sorted(runs_at(tmp_path / "results"), key=lambda run: run.name)
-    for of in (aborted, whole):
-        write_samples(of, output=tmp_path, rules=None)
-    stems = [tmp_path / of.path.name for of in (aborted, whole)]
-    facts, door = (read_csv(f"{stems[0]}_{name}.csv") for name in ("run", "door"))
-    assert facts.outcome.tolist() == ["aborted"]
-    assert door.since_start.max() > 3.0
-    facts, latch = (read_csv(f"{stems[1]}_{name}.csv") for name in ("run", "latch"))
+    write_samples(*runs_at(drive.folder), output=tmp_path, rules=None)
+    facts, latch = (read_csv(tmp_path / f"{drive.folder.name}_{n}.csv") for n in ("run", "latch"))
     assert facts.lock_detection.tolist() == ["sensor"]
     engaged = latch.engaged.tolist()
     assert (engaged[0], all(engaged), engaged[-1]) == (True, False, True)
