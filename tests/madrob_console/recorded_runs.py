@@ -14,6 +14,7 @@ from mcap.writer import Writer
 
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.referee.acts import (
+    Abort,
     Act,
     AddNote,
     ConfirmPose,
@@ -39,10 +40,12 @@ INCIDENT_AT, STOP_AT = 3.0, 5.0
 """Of the run that was appealed, s from its start."""
 
 
-def new_drive(scenario: Scenario = Scenario.NOMINAL, competition: str = "") -> Drive:
+def new_drive(
+    scenario: Scenario = Scenario.NOMINAL, competition: str = "", of: type[Drive] = Drive
+) -> Drive:
     """A referee with a results folder that stays as long as the process."""
     _kept.append(TemporaryDirectory())
-    return Drive(Path(_kept[-1].name), scenario, competition=competition)
+    return of(Path(_kept[-1].name), scenario, competition=competition)
 
 
 def _closed(drive: Drive) -> Path:
@@ -94,6 +97,11 @@ def ended_after(duration: float, *acts: Act) -> Path:
         drive.act(*acts)
         drive.finish()
     return _closed(drive)
+
+
+def aborted() -> Path:
+    """The folder of a run that the referee aborted 3 s after its start; never to be changed."""
+    return ended_after(5.0, Abort("robot on fire"))
 
 
 @cache

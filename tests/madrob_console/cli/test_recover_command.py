@@ -8,6 +8,7 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 from zipfile import ZipFile
 
 import pytest
@@ -18,10 +19,15 @@ from madrob_console.cli import tidy_command
 from madrob_console.common.files import Hold
 from madrob_console.referee.journal import HOLD_FILE
 from recorder.reader import Bag
-from recorder.survey import put_listing
 from recorder.writer import BagWriter
 from tests.madrob_console.cli.typed import Madrob
-from tests.madrob_console.recorded_runs import appealed, completed, final, without_digests
+from tests.madrob_console.recorded_runs import (
+    appealed,
+    completed,
+    final,
+    list_files,
+    without_digests,
+)
 from tests.recorder.samples import add_evidence, strings, talk
 
 
@@ -37,24 +43,26 @@ def recording(folder: Path) -> Path:
 def tear(folder: Path, share: float) -> None:
     """Leave a share of the recording, as a kill does."""
     path = recording(folder)
-    content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
+    os.truncate(path, int(share * path.stat().st_size))
 
 
-@pytest.mark.parametrize("result", [True, False])
-def test_a_torn_bag_is_repaired_in_one_line_that_says_what_became_of_it(
-    folder: Path, result: bool, madrob: Madrob
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.97])
+@pytest.mark.parametrize("lost", [RESULT_FILE, JOURNAL_FILE, ""])
+def test_a_torn_bag_is_repaired_in_one_line_and_the_result_stays_what_it_was(
+    folder: Path, share: float, lost: str, madrob: Madrob
 ) -> None:
-    if not result:
-        (folder / RESULT_FILE).unlink()
-    tear(folder, 0.6)
-    bag = recording(folder)
-    count = sum(1 for _ in Bag(folder).messages())
+    tear(folder, share)
+    if lost:
+        (folder / lost).unlink()
+    bag, count = recording(folder), sum(1 for _ in Bag(folder).messages())
+    (before,) = score(folder)
     (line,) = madrob("recover", folder).splitlines()
     assert line.startswith(f"{folder}: {count} messages kept; cut: it is torn at byte ")
     assert f"the new file is {bag}, the old one is kept as {bag.name}.torn" in line
     assert f"; `madrob score {folder}` works" in line
-    assert len(list(score(folder))) == 1
+    (after,) = score(folder)
+    assert after.result == before.result
+    assert any("is torn at byte" in remark for remark in after.result.quality.remarks)
 
 
 def test_evidence_that_was_cut_off_is_repaired_and_what_is_hopeless_is_named(
@@ -63,30 +71,11 @@ def test_evidence_that_was_cut_off_is_repaired_and_what_is_hopeless_is_named(
     for number, left in ((0, -100), (1, 5)):
         file = add_evidence(folder, strings(["a", "b"]), number)
         file.write_bytes(file.read_bytes()[:left])
-    (before,) = score(folder)
     (line,) = madrob("recover", folder).splitlines()
-    assert line.startswith(f"{folder}: whole, ")
-    assert f"; evidence {folder.name}_evidence_0.mcap: 2 messages kept, cut: " in line
-    assert "; evidence stays as it is: " in line
-    assert f"{folder.name}_evidence_1.mcap is no evidence: " in line
-    (after,) = score(folder)
-    assert after.result == before.result
+    kept, hopeless = (f"{folder.name}_evidence_{number}.mcap" for number in (0, 1))
+    told = f"{folder}: whole, .*; evidence {kept}: 2 messages kept, cut: "
+    assert re.match(f"{told}.*; evidence stays as it is: .*{hopeless} is no evidence: ", line)
     madrob("score --check", folder)
-
-
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.97])
-@pytest.mark.parametrize("journal", [True, False])
-def test_the_result_after_the_repair_is_the_result_before_it(
-    folder: Path, share: float, journal: bool, madrob: Madrob
-) -> None:
-    tear(folder, share)
-    if not journal:
-        (folder / JOURNAL_FILE).unlink()
-    (before,) = score(folder)
-    madrob("recover", folder)
-    (after,) = score(folder)
-    assert after.result == before.result
-    assert any("is torn at byte" in remark for remark in after.result.quality.remarks)
 
 
 def test_a_run_that_its_engine_still_holds_is_refused(folder: Path, madrob: Madrob) -> None:
@@ -94,9 +83,8 @@ def test_a_run_that_its_engine_still_holds_is_refused(folder: Path, madrob: Madr
     before = recording(folder).read_bytes()
     with Hold(folder / HOLD_FILE):
         for path in (folder, recording(folder)):
-            line = madrob.refusal("recover", path)
-            assert line.startswith(f"madrob: {folder}")
-            assert "the engine still holds this run; end it" in line
+            words = f"madrob: {folder}.*the engine still holds this run; end it"
+            assert re.match(words, madrob.refusal("recover", path))
     assert recording(folder).read_bytes() == before
     madrob("recover", folder)
 
@@ -109,9 +97,8 @@ def test_a_bag_without_a_run_is_repaired_and_nothing_is_promised(
         for message in strings(["a", "b", "c"]):
             writer.put_message(message)
     tear(bag, 0.9)
-    (line,) = madrob("recover", bag).splitlines()
-    assert "3 messages kept" in line
-    assert line.endswith("there is no run in it to be scored")
+    line = madrob("recover", bag)
+    assert re.search("3 messages kept.*there is no run in it to be scored\n$", line)
 
 
 def test_a_results_folder_is_repaired_run_by_run(tmp_path: Path, madrob: Madrob) -> None:
@@ -124,44 +111,32 @@ def test_a_results_folder_is_repaired_run_by_run(tmp_path: Path, madrob: Madrob)
     tear(lost, 0.0)
     said = madrob.say("recover", results)
     assert (said.code, said.err.count("\n"), str(lost) in said.err) == (2, 1, True)
-    first, second = said.out.splitlines()
-    assert re.match(f"{torn}: .*messages kept", first)
-    assert re.match(f"{whole}: .*nothing was written$", second)
-    madrob("score", torn)
-
-
-def place(root: Path, source: Path, number: int) -> None:
-    """A run with evidence, the higher its number the later."""
-    name = re.sub(r"_run_001_(\d{8})_\d{6}", rf"_run_{number:03d}_\1_{number:06d}", source.name)
-    folder = shutil.copytree(source, root / name)
-    path = folder / RESULT_FILE
-    document = json.loads(path.read_text())
-    start = document["start"] + number
-    path.write_text(json.dumps(document | {"run_number": number, "start": start, "run_id": ""}))
-    without_digests(folder)
-    add_evidence(folder, strings(["a picture", "another"]))
-    fd = os.open(folder, os.O_DIRECTORY)
-    assert put_listing(fd) is not None
-    os.close(fd)
+    lines = f"{torn}: .*messages kept.*\n{whole}: .*nothing was written\n"
+    assert re.fullmatch(lines, said.out)
 
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """Four runs with evidence, the second one protested."""
+    """Four runs with evidence, the second one protested; the higher its number the later."""
     results = tmp_path / "results"
     for number in range(1, 5):
-        place(results, appealed() if number == 2 else final(), number)
+        source = appealed() if number == 2 else final()
+        stem = re.sub(r"_run_001_(\d{8})_\d{6}", rf"_run_{number:03d}_\1_{number:06d}", source.name)
+        folder = shutil.copytree(source, results / stem)
+        path = folder / RESULT_FILE
+        stored = json.loads(path.read_text())
+        own = {"run_number": number, "start": stored["start"] + number, "run_id": ""}
+        path.write_text(json.dumps(stored | own))
+        without_digests(folder)
+        add_evidence(folder, strings(["a picture", "another"]))
+        list_files(folder)
     return results
 
 
 @pytest.fixture
 def tidy(root: Path, madrob: Madrob) -> Callable[..., str]:
     """What it prints; all evidence may go."""
-
-    def tidied(flags: str, code: int = 0) -> str:
-        return madrob(f"tidy {flags} --results", root, code=code)
-
-    return tidied
+    return lambda flags, code=0: madrob(f"tidy {flags} --results", root, code=code)
 
 
 ALL = "--keep-runs 0"
@@ -197,16 +172,11 @@ def test_it_asks_and_no_means_no(
     yes: bool, code: int, end: str, left: int,
     root: Path, tidy: Callable[..., str], monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    asked: list[str] = []
-
-    def says_yes(question: str) -> bool:
-        asked.append(question)
-        return yes
-
+    says_yes = Mock(return_value=yes)
     monkeypatch.setattr(tidy_command, "somebody_there", lambda: True)
     monkeypatch.setattr(tidy_command, "says_yes", says_yes)
     assert end in tidy(ALL, code=code)
-    assert asked == ["Remove the evidence of 2 runs for good? [y/N] "]
+    says_yes.assert_called_once_with("Remove the evidence of 2 runs for good? [y/N] ")
     assert files(root) == left
 
 
@@ -219,17 +189,15 @@ def test_without_anybody_to_ask_it_wants_to_be_told_so(root: Path, madrob: Madro
 def test_report_and_zips_say_that_evidence_was_removed(
     root: Path, tidy: Callable[..., str], madrob: Madrob
 ) -> None:
-    report = next(root.glob("*_run_001_*")) / REPORT_FILE
+    report, target = next(root.glob("*_run_001_*")) / REPORT_FILE, root.parent / "exported.zip"
     report.write_text("<html>")
     tidy(f"{ALL} --yes")
-    page = report.read_text()
-    assert "Evidence removed" in page
-    assert re.search(r"on \d{4}-\d\d-\d\d [^<]*: 1 file, \d+\.\d MB", page)
+    words = r"Evidence removed.*on \d{4}-\d\d-\d\d [^<]*: 1 file, \d+\.\d MB"
+    assert re.search(words, report.read_text(), re.DOTALL)
     for what, words in {
         "--subject 3 --practice": "removed by tidy on",
         f"--run {report.parent.name} --dossier": "evidence was removed by tidy on",
     }.items():
-        target = root.parent / "exported.zip"
         madrob(f"export {what} --results", root, "--output", target)
         with ZipFile(target) as packed:
             assert words in packed.read("README.txt").decode()

@@ -122,6 +122,12 @@ LINES = [
     ("table runs none --output file", "no such folder"),
     ("table samples run", "--output"),
     ("table samples run --output file", "file: "),
+    ("doctor --archive none", "no such folder"),
+    ("doctor --archive empty", "holds no run: name a results folder"),
+    ("doctor --archive file", "holds no run"),
+    ("doctor --archive ''", "is empty: name a path"),
+    ("doctor --archive renamed", "is not called like a run and left out"),
+    ("doctor --reference --archive results", "--archive"),
     ("recover empty", "choose a rosbag2 bag folder or an .mcap file"),
     ("calibrate masks none", "No such file"),
     ("calibrate masks '\x1b[31mred'", "is no bag"),
@@ -144,6 +150,7 @@ def things(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "foreign.toml": "[[topics]]\nsignal = 'door angle'\ntype = 'no_msgs/msg/A'\nfield = 'x'\n",
     }.items():
         (here / name).write_text(text)
+    shutil.copytree(completed(), here / "renamed" / "the final")
     (here / "run").symlink_to(completed())
     shutil.copy(completed() / "journal.jsonl", here / "alone")
     publish(recorded(Scenario.TOUCH_ONLY), here / "published")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import shutil
 import sys
@@ -20,7 +21,7 @@ from madrob_console.archive.scored import score_run
 from madrob_console.cli.output import MOST_ALIKE
 from madrob_console.cli.score_command import describe_run
 from madrob_console.cli.score_output import comparison_lines, result_lines
-from madrob_console.referee.acts import Abort, Rule
+from madrob_console.referee.acts import Rule
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Step
@@ -28,7 +29,14 @@ from scoring.result import Indicator, Result, Uncertainty
 from scoring.rulesets import RulesetName
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.recorded_runs import completed, copy_run, publish, recorded
+from tests.madrob_console.recorded_runs import (
+    aborted,
+    completed,
+    copy_run,
+    publish,
+    recorded,
+)
+from tests.recorder.samples import all_within
 
 PUBLISHED = ("--ruleset", "eurobench-2020")
 LABEL = ("subject", "team", "condition", "run", "run_id", "testbed", "competition")
@@ -42,6 +50,9 @@ def scored(madrob: Madrob, *arguments: object) -> list[dict[str, Any]]:
 
 def values(of: Mapping[str, Any]) -> dict[str, float | None]:
     return {name: one["value"] for name, one in of["indicators"].items()}
+
+
+TWO = RulesetName.PROTOCOL, RulesetName.EUROBENCH_2020
 
 
 @pytest.fixture
@@ -81,33 +92,30 @@ def test_a_run_has_the_digits_of_its_result_and_says_whose_and_which_it_is(madro
     assert re.search(words, madrob("score", run))
 
 
-def test_what_a_decision_hangs_on_comes_before_the_numbers(drive: Drive, madrob: Madrob) -> None:
-    drive.whole_run(make_setup())
+def test_what_a_decision_hangs_on_comes_before_the_numbers(tmp_path: Path, madrob: Madrob) -> None:
+    folder = shutil.copytree(completed(), tmp_path / completed().name)
+    drive = Drive(tmp_path)
+    assert drive.open(folder) is None
     drive.act(Rule(Step.CROSS, confirmed=False, reason="a wheel stayed on the line"))
     drive.engine.close()
-    assert madrob("score", drive.folder).splitlines()[1:3] == [
+    assert madrob("score", folder).splitlines()[1:3] == [
         "  outcome: completed (3 of 6 steps count: the referee denied step 4), ruleset protocol",
         "  flags: step 4 denied; PRACTICE, SIMULATED: not an official result",
     ]
-    (told,) = scored(madrob, drive.folder)
+    (told,) = scored(madrob, folder)
     assert [(flag["kind"], flag["weight"], flag["undecided"]) for flag in told["flags"]] == [
         ("denied step", "caution", False),
         ("practice", "remark", False),
     ]
 
 
-def test_an_aborted_run_has_one_reason_a_ruleset(drive: Drive, madrob: Madrob) -> None:
-    drive.start(make_setup())
-    drive.wait(3.0)
-    drive.act(Abort("robot unsafe"))
-    drive.finish()
+def test_an_aborted_run_has_one_reason_a_ruleset(madrob: Madrob) -> None:
     for ruleset, heads in {
         "protocol": ["indicators: none"],
         "all": sorted(f"indicators, {name}" for name in RulesetName),
     }.items():
-        told = re.findall("^  (.*): run aborted: invalid$", madrob(
-            f"score --ruleset {ruleset}", drive.folder
-        ), re.MULTILINE)  # fmt: skip
+        text = madrob(f"score --ruleset {ruleset}", aborted())
+        told = re.findall("^  (.*): run aborted: invalid$", text, re.MULTILINE)
         assert sorted(told) == heads
 
 
@@ -116,8 +124,7 @@ def test_a_bad_run_is_named_and_the_rest_is_scored(results: Path, madrob: Madrob
     empty.mkdir()
     torn = next(results.glob("*_run_002_*"))
     (torn / "metadata.yaml").write_text("half a")
-    bag = next(torn.glob("*.mcap"))
-    bag.write_bytes(bag.read_bytes()[:40])
+    os.truncate(next(torn.glob("*.mcap")), 40)
     said = madrob.say("score", results)
     assert (said.code, said.out.count("outcome: ")) == (2, 2)
     for line, named in zip(said.err.splitlines(), (torn, empty), strict=True):
@@ -154,24 +161,17 @@ def test_a_bar_shows_how_far_work_is_where_somebody_looks(
 def test_all_rulesets_stand_side_by_side_with_their_differences(madrob: Madrob) -> None:
     runs = recorded(Scenario.NOMINAL), recorded(Scenario.TOUCH_ONLY)
     beside = scored(madrob, "--ruleset", "all", *runs)
-    for name in RulesetName:
+    for name in TWO:
         alone = scored(madrob, "--ruleset", name, *runs)
         for key in ("path", "flags", *LABEL):
             assert [run[key] for run in beside] == [run.pop(key) for run in alone]
         assert [run["rulesets"][name] for run in beside] == alone
-
-
-TWO = RulesetName.PROTOCOL, RulesetName.EUROBENCH_2020
-
-
-@pytest.mark.parametrize("scenario", [Scenario.NOMINAL, Scenario.TOUCH_ONLY])
-def test_of_two_rulesets_each_indicator_has_one_difference(scenario: Scenario) -> None:
-    (of,) = runs_at(recorded(scenario))
-    run = json.loads(describe_run(of, TWO, as_json=True).text)
-    one, two = (values(run["rulesets"][name]) for name in TWO)
-    for name, by in run["differences"].items():
-        first, second = one[name], two[name]
-        assert by == (None if first is None or second is None else second - first)
+    for run in beside:
+        one, two = (values(run["rulesets"][name]) for name in TWO)
+        assert run["differences"] == {
+            name: None if first is None or second is None else second - first
+            for name, first, second in zip(one, one.values(), two.values(), strict=True)
+        }
 
 
 HEADS = r"^ +protocol +\+- +eurobench-2020 +\+- +difference"
@@ -204,10 +204,9 @@ def test_a_recording_with_another_ruleset_is_named_with_the_remedy(
     content = bag.read_bytes()
     assert RECORD_NAME.encode() in content
     bag.write_bytes(content.replace(b'"ruleset":"protocol"', b'"ruleset":"protokol"'))
-    line = madrob.refusal("score", path)
-    assert line.startswith(f"madrob: {path}: ")
-    assert "'protokol'" in line
-    assert line.endswith(": use --ruleset protocol or eurobench-2020\n")
+    told = re.escape(f"madrob: {path}: ")
+    remedy = ": use --ruleset protocol or eurobench-2020\n"
+    assert re.fullmatch(f"{told}.*'protokol'.*{remedy}", madrob.refusal("score", path))
 
 
 SPOILT: dict[str, tuple[str, Callable[[str], str], list[str]]] = {
@@ -268,22 +267,27 @@ def test_a_run_that_goes_on_is_not_taken_for_one_that_was_cut_off(
     assert "outcome: timeout" in madrob("score", drive.folder)
 
 
-def test_files_by_another_ruleset_score_as_the_recordings_do_by_it(
+def test_written_files_score_as_the_recordings_and_say_by_which_rules_they_were_made(
     results: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
-    before = {path: path.read_bytes() for path in results.rglob("*") if path.is_file()}
-    written = tmp_path / "far" / "written"
+    before, written = all_within(results), tmp_path / "far" / "written"
     lines = madrob("score --write", written, *PUBLISHED, results).splitlines()
     folders = sorted(written.iterdir())
     assert [folder.name for folder in folders] == sorted(run.name for run in results.iterdir())
     assert [line.rpartition(" to ")[2] for line in lines] == [str(folder) for folder in folders]
-    from_files, from_bags = (scored(madrob, *PUBLISHED, one) for one in (written, results))
+    assert all_within(results) == before
+    from_files, from_bags = scored(madrob, written), scored(madrob, *PUBLISHED, results)
     for files, bag in zip(from_files, from_bags, strict=True):
         assert (values(files), files["events"]) == (values(bag), bag["events"])
-    for folder in folders:
-        assert len(list(folder.glob("*.yaml"))) == 10
-        assert "ruleset: eurobench-2020" in next(folder.glob("run_info_*")).read_text()
-    assert {path: path.read_bytes() for path in results.rglob("*") if path.is_file()} == before
+        assert (files["ruleset"], [flag["words"] for flag in files["flags"]]) == (
+            "eurobench-2020",
+            ["PRACTICE, SIMULATED: not an official result"],
+        )
+    assert {len(list(folder.glob("*.yaml"))) for folder in folders} == {10}
+    (other,) = scored(madrob, "--ruleset", "protocol", folders[0])
+    next(folders[0].glob("run_info_*")).unlink()
+    (bare,) = scored(madrob, folders[0])
+    assert [other["ruleset"], bare["ruleset"], bare["flags"]] == ["protocol", "protocol", []]
 
 
 def test_what_is_there_already_is_not_written_over_and_the_rest_is_written(
@@ -292,30 +296,13 @@ def test_what_is_there_already_is_not_written_over_and_the_rest_is_written(
     first, *others = sorted(run.name for run in results.iterdir())
     mine = tmp_path / "written" / first / "mine.txt"
     mine.parent.mkdir(parents=True)
-    mine.write_text("mine")
+    mine.touch()
     said = madrob.say("score --json --write", tmp_path / "written", results)
     assert (said.code, said.err.count("\n")) == (2, 1)
     assert said.err.endswith(f"{first}: is there already; move it away or choose another folder\n")
     assert [Path(run["written"]).name for run in json.loads(said.out)["runs"]] == others
-    assert [path.name for path in mine.parent.iterdir()] == ["mine.txt"]
+    assert [*mine.parent.iterdir()] == [mine]
     assert {path.name for path in (tmp_path / "written").iterdir()} == {first, *others}
-
-
-def test_written_files_say_of_what_run_they_are_and_by_which_rules_they_were_made(
-    tmp_path: Path, madrob: Madrob
-) -> None:
-    run = recorded(Scenario.NOMINAL)
-    files = tmp_path / run.name
-    madrob("score --write", tmp_path, *PUBLISHED, run)
-    ((bag,), (own,)) = scored(madrob, *PUBLISHED, run), scored(madrob, files)
-    assert (own["ruleset"], values(own)) == ("eurobench-2020", values(bag))
-    (flag,) = own["flags"]
-    assert flag["words"] == "PRACTICE, SIMULATED: not an official result"
-    (other,) = scored(madrob, "--ruleset", "protocol", files)
-    assert other["ruleset"] == "protocol"
-    next(files.glob("run_info_*")).unlink()
-    (bare,) = scored(madrob, files)
-    assert (bare["ruleset"], bare["flags"]) == ("protocol", [])
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,12 @@ import os
 import re
 import shutil
 from collections.abc import Callable
+from functools import partial
 from io import StringIO
+from itertools import count
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pandas as pd
 import pytest
@@ -20,11 +23,10 @@ from madrob_console.archive.folders import RunPath
 from madrob_console.archive.repair import RuleChange, next_issue, write_next_issue
 from madrob_console.archive.scored import open_run
 from madrob_console.archive.table_columns import RUN_TABLES
-from madrob_console.cli.main import main
 from madrob_console.cli.output import STOPPED
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold
-from madrob_console.referee.acts import Abort, Rule
+from madrob_console.referee.acts import Rule
 from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
@@ -32,8 +34,9 @@ from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from scoring.rulesets import RulesetName
 from tests.madrob_console.cli.typed import Madrob
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import Drive
 from tests.madrob_console.recorded_runs import (
+    aborted,
     appealed,
     completed,
     copy_run,
@@ -49,7 +52,7 @@ def digest(root: Path) -> dict[str, str]:
     return {
         str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(root.rglob("*"))
-        if path.is_file()
+        if path.is_file() and path.name != HOLD_FILE
     }
 
 
@@ -121,6 +124,10 @@ def test_a_dry_run_says_the_same_and_writes_nothing(
     assert madrob(OTHER, folder.parent).splitlines()[:2] == told.splitlines()[:2]
 
 
+def unchanged(_folder: Path) -> None:
+    """As it was recorded."""
+
+
 def with_other_uncertainties(folder: Path) -> None:
     document = result(folder)
     document["indicators"]["execution_time"]["uncertainty"] = {"u": 1.0, "expanded": 2.0}
@@ -128,41 +135,25 @@ def with_other_uncertainties(folder: Path) -> None:
     without_digests(folder)
 
 
-def touched_only(folder: Path) -> None:
-    shutil.rmtree(folder)
-    copy_run(folder.parent, 2)
-
-
-def aborted(folder: Path) -> None:
-    shutil.rmtree(folder)
-    drive = Drive(folder.parent)
-    drive.start(make_setup())
-    drive.wait(1.0)
-    drive.act(Abort("fire"))
-    drive.finish()
-    drive.engine.close()
-
-
 @pytest.mark.parametrize(
-    ("spoil", "line"),
+    ("source", "spoil", "line"),
     [
-        (with_other_uncertainties, REISSUE),
-        (aborted, OTHER),
-        (touched_only, REISSUE),
+        (completed, with_other_uncertainties, REISSUE),
+        (aborted, unchanged, OTHER),
+        (partial(recorded, Scenario.TOUCH_ONLY), unchanged, REISSUE),
     ],
 )
 def test_unchanged_runs_are_left_alone(
-    spoil: Callable[[Path], None], line: str, folder: Path, madrob: Madrob
+    source: Callable[[], Path],
+    spoil: Callable[[Path], None],
+    line: str,
+    tmp_path: Path,
+    madrob: Madrob,
 ) -> None:
-    spoil(folder)
-    before = digest(folder.parent)
-    told = madrob(line, folder.parent)
-    assert told == "0 of 1 result re-issued\n"
-    assert digest(folder.parent) == before
-
-
-def with_another_recording(folder: Path) -> None:
-    shutil.copy(next(appealed().glob("*.mcap")), next(folder.glob("*.mcap")))
+    spoil(copy(source(), tmp_path))
+    before = digest(tmp_path)
+    assert madrob(line, tmp_path) == "0 of 1 result re-issued\n"
+    assert digest(tmp_path) == before
 
 
 @pytest.mark.parametrize(
@@ -171,23 +162,29 @@ def with_another_recording(folder: Path) -> None:
         (lambda run: (run / "result.json").unlink(), "has no result.json to re-issue"),
         (lambda run: (run / "journal.jsonl").unlink(), "has no journal.jsonl, where a re-issue"),
         (lambda run: next(run.glob("*.mcap")).unlink(), "No such file"),
-        (with_another_recording, "the recording is not the one that its result was made of"),
-        (lambda run: None, "a console works on this run: leave it there, then try again"),
+        (
+            lambda run: shutil.copy(next(appealed().glob("*.mcap")), next(run.glob("*.mcap"))),
+            "the recording is not the one that its result was made of",
+        ),
+        (
+            lambda run: Hold(run / HOLD_FILE),
+            "a console works on this run: leave it there, then try again",
+        ),
     ],
 )
 def test_a_run_that_cannot_be_re_issued_is_one_line_and_stays_as_it_is(
-    spoil: Callable[[Path], None], words: str, folder: Path, madrob: Madrob
+    spoil: Callable[[Path], object], words: str, folder: Path, madrob: Madrob
 ) -> None:
-    spoil(folder)
+    holding = spoil(folder)
     before = digest(folder)
-    (folder / HOLD_FILE).unlink(missing_ok=True)
-    held = Hold(folder / HOLD_FILE) if "console" in words else None
     said = madrob.say(OTHER, folder.parent)
-    if held is not None:
-        held.release()
-    assert words in said.err
-    assert said.err.count("\n") == 1
-    assert said.out == "0 of 1 result re-issued\n"
+    if isinstance(holding, Hold):
+        holding.release()
+    assert (words in said.err, said.err.count("\n"), said.out) == (
+        True,
+        1,
+        "0 of 1 result re-issued\n",
+    )
     assert digest(folder) == before
 
 
@@ -253,35 +250,33 @@ class KilledError(BaseException):
     """Nothing after it is done."""
 
 
+ISSUED = "indicators", "issue", "ruleset"
+
+
 def test_whenever_it_is_killed_a_repair_and_the_next_try_make_one_whole_issue(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, madrob: Madrob
 ) -> None:
-    left, synced, fsync = 10**6, 0, os.fsync
+    left, every, fsync = count(10**6, -1), 10**6, os.fsync
 
     def counted(number: int) -> None:
-        nonlocal left, synced
-        if left == 0:
+        if next(left) == 0:
             raise KilledError
         fsync(number)
-        left, synced = left - 1, synced + 1
 
     whole = copy(completed(), tmp_path / "undisturbed")  # recorded before anything is counted
     monkeypatch.setattr(os, "fsync", counted)
     madrob(OTHER, whole)
-    every, wanted = synced, result(whole)
+    every, wanted = every - next(left), result(whole)
     assert every > 8
-    for at in sorted({0, 1, every // 2, every - 4, every - 3, every - 2, every - 1}):
-        folder = copy(completed(), tmp_path / str(at))
-        left = at
+    for at in sorted({0, 1, every // 2, *range(every - 4, every)}):
+        folder, left = copy(completed(), tmp_path / str(at)), count(at, -1)
         with pytest.raises(KilledError):
             madrob(OTHER, folder)
-        left = 10**6
         madrob("recover", folder)
         madrob(OTHER, folder)
         assert len(reissues(folder)) == 1
         made = result(folder)
-        for key in ("indicators", "issue", "ruleset"):
-            assert made[key] == wanted[key]
+        assert [made[key] for key in ISSUED] == [wanted[key] for key in ISSUED]
         assert result(folder, "result_issue_1.json") == result(completed())
         assert not (folder / "result_issue_2.json").exists()
         madrob("score --check", folder)
@@ -295,20 +290,15 @@ def test_an_issue_that_a_full_disk_refused_is_told_then_and_recover_writes_it(
     madrob: Madrob,
 ) -> None:  # fmt: skip
     folder = copy(appealed(), tmp_path)
-
-    def full(*_: object) -> None:
-        raise MadrobError("not written (No space left on device)")
-
+    full = Mock(side_effect=MadrobError("not written (No space left on device)"))
     with monkeypatch.context() as patch:
         patch.setattr(issuing, "_write", full)
-        first, second = (madrob.say(OTHER, folder) for _ in range(2))
-        assert (first.code, second.code) == (2, 2)
-        words = "version 3 is journalled, its result is not written yet: `madrob recover`"
-        assert re.search(rf"{words}.*\(not written \(No space left on device\)\)", first.err)
-        assert "result.json is not what the journal says: `madrob recover`" in second.err
+        first, second = (madrob.complaint(OTHER, folder) for _ in range(2))
+    words = "version 3 is journalled, its result is not written yet: `madrob recover`"
+    assert re.search(rf"{words}.*\(not written \(No space left on device\)\)", first)
+    assert "result.json is not what the journal says: `madrob recover`" in second
     assert "its result was made again from journal and recording" in madrob("recover", folder)
-    told = madrob(f"{REISSUE} --ruleset {rules}", folder)
-    assert f"{count} of 1 result re-issued" in told
+    assert f"{count} of 1 result re-issued" in madrob(f"{REISSUE} --ruleset {rules}", folder)
     assert (result(folder)["issue"], result(folder)["ruleset"]) == (issue, rules)
 
 
@@ -341,11 +331,10 @@ def test_the_tables_of_fresh_results_are_those_of_the_stored_ones(
     run, out = recorded(Scenario.NOMINAL), tmp_path / "out"
     told = madrob("score", run, "--output", out)
     assert told == f"{out}: 1 runs, 0 of them cannot be read\n"
+    madrob("score --ruleset all", run, "--output", tmp_path / "all")
     for name in TABLES:
         stored = frame(StringIO(madrob("table", name, run)))
         pd.testing.assert_frame_equal(frame(out / f"{name}.csv"), stored)
-    madrob("score --ruleset all", run, "--output", tmp_path / "all")
-    for name in TABLES:
         assert set(frame(tmp_path / f"all/{name}.csv").ruleset) == set(RulesetName)
 
 
@@ -374,12 +363,9 @@ def test_a_path_that_is_no_text_is_one_in_tables_and_json(
 
 
 def test_tables_are_there_whole_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, madrob: Madrob
 ) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("madrob_console.cli.score_output.name_twins", interrupted)
-    run = str(recorded(Scenario.TOUCH_ONLY))
-    assert main(["score", run, "--output", str(tmp_path / "out")]) == STOPPED
+    pressed = Mock(side_effect=KeyboardInterrupt)
+    monkeypatch.setattr("madrob_console.cli.score_output.name_twins", pressed)
+    madrob("score", recorded(Scenario.TOUCH_ONLY), "--output", tmp_path / "out", code=STOPPED)
     assert list(tmp_path.iterdir()) == []

@@ -23,13 +23,12 @@ from madrob_console.archive.table_columns import (
 )
 from madrob_console.archive.table_rows import Frames
 from madrob_console.cli.table_command import write_samples
-from madrob_console.referee.acts import Abort
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import PASSAGE_SENSORS, Thresholds
 from scoring.rulesets import EUROBENCH_2020, RulesetName
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.recorded_runs import appealed, copy_run, ended_after, publish, recorded
+from tests.madrob_console.recorded_runs import aborted, appealed, copy_run, publish, recorded
 from tests.madrob_console.run_folders import summary, write
 
 _EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if pd.__version__ < "3" else {}
@@ -297,9 +296,9 @@ def test_a_bad_run_is_named_and_the_others_have_their_tables(
 
 
 def test_an_aborted_run_has_its_series_too_and_the_latch_sensor_a_table(tmp_path: Path) -> None:
-    aborted = samples_of(ended_after(6.0, Abort("somebody in the doorway")), tmp_path, None)
-    assert aborted["run"].outcome.tolist() == ["aborted"]
-    assert aborted["door"].since_start.max() > 3.0
+    of_aborted = samples_of(aborted(), tmp_path, None)
+    assert of_aborted["run"].outcome.tolist() == ["aborted"]
+    assert of_aborted["door"].since_start.max() > 3.0
     drive = Drive(tmp_path / "results", latch=True)
     drive.whole_run(make_setup())
     drive.engine.close()
