@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import re
 import shutil
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import pytest
@@ -16,9 +19,8 @@ from madrob_console.archive import score
 from madrob_console.archive.check import Grade, check_run, stored_result
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
 from madrob_console.archive.history import History
-from madrob_console.archive.repair import RuleChange, next_issue, repair, write_next_issue
+from madrob_console.archive.repair import RuleChange, next_issue, repair
 from madrob_console.archive.scored import open_run, read_recorded_run
-from madrob_console.cli.main import main
 from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold
@@ -37,6 +39,7 @@ from scoring.libraries import libraries_here
 from scoring.protocol import Condition, EventName, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import (
     completed,
@@ -55,12 +58,12 @@ def remarks_on(result: Result, about: str) -> list[str]:
 
 
 def test_published_files_say_what_they_leave_open(tmp_path: Path) -> None:
-    folder = recorded(Scenario.TOUCH_ONLY)
-    publish(folder, tmp_path)
-    (cut,), (whole,) = score(tmp_path), score(folder)
+    publish(recorded(Scenario.TOUCH_ONLY), tmp_path)
+    (cut,), (whole,) = score(tmp_path), score(recorded(Scenario.TOUCH_ONLY))
     assert cut.result.condition.number == 1
-    assert cut.result.quality.remarks[0].startswith("scored from published files")
-    assert cut.result.quality.remarks[1].startswith("no uncertainty is known of the values")
+    first, second, *_ = cut.result.quality.remarks
+    assert first.startswith("scored from published files")
+    assert second.startswith("no uncertainty is known of the values")
     (remark,) = remarks_on(cut.result, "unsafety")
     assert "no acceleration from before and after the run" in remark
     assert remarks_on(whole.result, "unsafety") == []
@@ -101,20 +104,16 @@ def test_a_recording_whose_chunks_lie_in_another_order_scores_the_same(tmp_path:
     assert again.result == whole.result
 
 
-@pytest.mark.parametrize("journal", ["in the bag", "beside it"])
+@pytest.mark.parametrize("without", ["nothing", "/event"], ids=["in the bag", "beside it"])
 def test_a_recording_without_its_record_is_scored_from_its_journal_and_says_so(
-    tmp_path: Path, journal: str
+    tmp_path: Path, without: str
 ) -> None:
-    run, folder = completed(), tmp_path / "converted"
-    folder.mkdir()
-    if journal == "beside it":
-        shutil.copy(run / JOURNAL_FILE, folder)
-    without = "/event" if journal == "beside it" else "nothing"
-    converted(run, folder / "converted_0.mcap", records=False, without=without)
-    (whole,), (again,) = score(run), score(folder)
+    if without == "/event":
+        shutil.copy(completed() / JOURNAL_FILE, tmp_path)
+    converted(completed(), tmp_path / "converted_0.mcap", records=False, without=without)
+    (whole,), (again,) = score(completed()), score(tmp_path)
     assert again.result.indicators == whole.result.indicators
-    assert again.result.events == whole.result.events
-    assert again.label == whole.label
+    assert (again.result.events, again.label) == (whole.result.events, whole.label)
     words = "its record madrob_run was lost (converted?): set-up from its journal"
     (flag,) = [flag for flag in again.flags if flag.words.startswith(words)]
     assert flag.weight == "caution"
@@ -122,18 +121,11 @@ def test_a_recording_without_its_record_is_scored_from_its_journal_and_says_so(
 
 
 def test_a_recording_whose_set_up_is_lost_is_refused_with_the_remedy(tmp_path: Path) -> None:
-    folder = tmp_path / "converted"
-    folder.mkdir()
-    converted(completed(), folder / "converted_0.mcap", records=False)
-    (folder / JOURNAL_FILE).write_text(
-        "".join(
-            line
-            for line in (completed() / JOURNAL_FILE).read_text().splitlines(keepends=True)
-            if '"set up"' not in line
-        )
-    )
+    converted(completed(), tmp_path / "converted_0.mcap", records=False)
+    journal = (completed() / JOURNAL_FILE).read_text()
+    (tmp_path / JOURNAL_FILE).write_text(re.sub('.*"set up".*\n', "", journal))
     with pytest.raises(MadrobError, match=r"madrob_run was lost \(converted\?\).*original bag"):
-        list(score(folder))
+        list(score(tmp_path))
 
 
 def test_what_completed_a_run_and_did_not_reach_the_disk_is_named_and_can_be_confirmed(
@@ -143,7 +135,6 @@ def test_what_completed_a_run_and_did_not_reach_the_disk_is_named_and_can_be_con
     for result in (*folder.glob("result*.json"), folder / "metadata.yaml"):
         result.unlink()
     (bag,) = folder.glob("*.mcap")
-    whole = bag.read_bytes()
 
     def remarks() -> list[str]:
         (run,) = score(folder)
@@ -151,19 +142,18 @@ def test_what_completed_a_run_and_did_not_reach_the_disk_is_named_and_can_be_con
         return [remark for remark in run.result.quality.remarks if "was completed" in remark]
 
     assert remarks() == []  # nothing that counts is lost
-    stop = read_recorded_run(folder).run.stop
+    stop, size = read_recorded_run(folder).run.stop, bag.stat().st_size
     assert stop is not None
-    for end in range(len(whole), 0, -len(whole) // 100):
-        bag.write_bytes(whole[:end])
+    for end in range(size, 0, -size // 100):
+        os.truncate(bag, end)
         if max(message.receive_ns for message in Bag(folder).messages()) < 1e9 * stop:
             break
     (lost,) = remarks()
     assert "what was seen of step 5 and 6 is lost, only the referee can confirm it" in lost
-    drive = Drive(folder.parent)
-    assert drive.open(folder) is None
-    drive.act(*(Rule(step, confirmed=True, reason="video") for step in (Step.CLOSE, Step.LOCK)))
-    assert drive.scored().result.indicators[IndicatorName.CAPABILITY_LEVEL].value == 6
-    drive.engine.close()
+    confirmed = [Rule(step, confirmed=True, reason="video") for step in (Step.CLOSE, Step.LOCK)]
+    acted(folder, *confirmed)
+    (run,) = score(folder)
+    assert run.result.indicators[IndicatorName.CAPABILITY_LEVEL].value == 6
     assert remarks() == [lost]  # as it stands in the result
 
 
@@ -180,6 +170,8 @@ STEPS: dict[str, tuple[Act, ...]] = {
     "re-issue": (FINAL, Reissue("video")),
     "finalise again": (FINAL, Reissue("video"), RULED, Finalise(TeamWord.ACKNOWLEDGED, "Bob")),
 }
+
+
 Files = dict[str, bytes]
 
 
@@ -217,8 +209,7 @@ def acted(folder: Path, *acts: Act) -> Files:
 def refused(folder: Path) -> str:
     """Why lists and standings do not take a result that is to be made again."""
     run = summary(folder)
-    assert run.repairable
-    assert not run.valid
+    assert (run.repairable, run.valid) == (True, False)
     assert not competition_standings([run], made=0.0, official=False).groups
     return str(run.problem)
 
@@ -282,12 +273,6 @@ def test_opening_a_run_writes_its_result_again(folder: Path) -> None:
     assert summary(folder).team_word == "protested"
 
 
-def of_an_older_version(folder: Path) -> None:
-    """It did not say of what journal a result was made."""
-    change(folder, lambda document: document.pop("journal"))
-    without_digests(folder)
-
-
 @pytest.mark.parametrize("older", [False, True])
 @pytest.mark.parametrize(
     ("word", "false"),
@@ -298,21 +283,20 @@ def test_a_word_that_the_journal_does_not_say_never_counts(
     *, word: bytes, false: bytes, older: bool, folder: Path
 ) -> None:
     after = acted(folder, FINAL)
-    if older:
-        of_an_older_version(folder)
+    if older:  # such a version did not say of what journal a result was made
+        change(folder, lambda document: document.pop("journal"))
+        without_digests(folder)
     path = folder / RESULT_FILE
     path.write_bytes(path.read_bytes().replace(word, false))
     run = summary(folder)
-    assert run.problem is not None
-    assert not run.valid
+    assert (run.problem is None, run.valid) == (False, False)
     assert repaired(folder)[RESULT_FILE] == after[RESULT_FILE]
 
 
 def test_a_data_file_that_is_gone_or_cut_short_is_made_again(folder: Path) -> None:
     before = files_of(folder)
     next(folder.glob("*_event.csv")).unlink()
-    wrench = next(folder.glob("*_wrench.csv"))
-    wrench.write_bytes(wrench.read_bytes()[:100])
+    os.truncate(next(folder.glob("*_wrench.csv")), 100)
     assert repair(folder) is not None
     assert files_of(folder) == before
 
@@ -348,10 +332,6 @@ Document = dict[str, Any]
 Edit = Callable[[Document], object]
 
 
-def check(*paths: Path, flags: tuple[str, ...] = ()) -> int:
-    return main(["score", "--check", *flags, *map(str, paths)])
-
-
 def change(folder: Path, *edits: Edit) -> None:
     """Edit the stored result of a run."""
     path = folder / RESULT_FILE
@@ -363,6 +343,9 @@ def change(folder: Path, *edits: Edit) -> None:
 
 def found(folder: Path) -> list[str]:
     return [difference.what for difference in check_run(RunPath(folder)).differences]
+
+
+CHECK = "score --check"
 
 
 @pytest.fixture
@@ -475,16 +458,13 @@ CHECKS: dict[str, tuple[tuple[Edit, ...], int, str, dict[str, list[str]]]] = {
 
 @pytest.mark.parametrize("case", CHECKS)
 def test_a_check_says_in_which_grade_a_result_agrees_and_changes_nothing(
-    case: str, run: Path, capsys: pytest.CaptureFixture[str]
+    case: str, run: Path, madrob: Madrob
 ) -> None:
     edits, code, words, expected = CHECKS[case]
-    assert found(run) == []
     change(run, *edits)
     before = files_of(run)
-    assert check(run) == code
-    assert capsys.readouterr().out.startswith(f"{run}: {words}")
-    assert check(run, flags=("--json",)) == code
-    (document,) = json.loads(capsys.readouterr().out)["runs"]
+    assert madrob(CHECK, run, code=code).startswith(f"{run}: {words}")
+    (document,) = madrob.document(CHECK, run, code=code)["runs"]
     assert words.startswith(document["grade"])
     assert document["grade_but_for_doubts"] in words
     for kind in ("differences", "last_digits", "uncertainties"):
@@ -494,32 +474,27 @@ def test_a_check_says_in_which_grade_a_result_agrees_and_changes_nothing(
 
 
 def test_of_many_runs_it_is_counted_how_they_agree_and_a_difference_decides_the_exit_code(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, madrob: Madrob
 ) -> None:
-    made: list[tuple[Edit, ...]] = [UNSURE, (DOUBTED,), (EDITS["stop"],), ()]
-    for number, edits in enumerate(made, start=1):
-        change(copy_run(tmp_path, number), *edits)
-    last = copy_run(tmp_path, len(made) + 1)
-    change(copy_run(tmp_path, len(made) + 2, Scenario.NOMINAL), ROUNDED)
-    (last / RESULT_FILE).unlink()
-    assert check(tmp_path) == 1
-    assert capsys.readouterr().out.splitlines()[-1] == (
+    made: list[tuple[Edit, ...]] = [UNSURE, (DOUBTED,), (EDITS["stop"],), (), ()]
+    runs = [copy_run(tmp_path, number) for number in range(1, 6)]
+    for run, edits in zip(runs, made, strict=True):
+        change(run, *edits)
+    change(copy_run(tmp_path, 6, Scenario.NOMINAL), ROUNDED)
+    (runs[-1] / RESULT_FILE).unlink()
+    assert madrob.say(CHECK, tmp_path).out.splitlines()[-1] == (
         "2 same digits, 1 equal to 1e-9, "
         "2 differ (1 only in doubts: the values hold), 1 could not be checked; "
         "of 1 the uncertainties differ"
     )
-    for path in tmp_path.iterdir():
-        if path != last:
-            shutil.rmtree(path)
-    assert check(tmp_path, copy_run(tmp_path, 1)) == 2
+    assert [madrob.say(CHECK, *some).code for some in ([tmp_path], runs[3:])] == [1, 2]
 
 
 def last_digit(*keys: str | int) -> Edit:
     def edit(document: Document) -> None:
-        part: Any = document
-        for key in keys[:-1]:
-            part = part[key]
-        part[keys[-1]] = math.nextafter(part[keys[-1]], math.inf)
+        *way, key = keys
+        part = reduce(lambda part, step: part[step], way, cast("Any", document))
+        part[key] = math.nextafter(part[key], math.inf)
 
     return edit
 
@@ -553,8 +528,8 @@ def _files(run: Path) -> None:
 
 
 def _metadata(run: Path) -> None:
-    with (run / "metadata.yaml").open("a") as file:
-        file.write("# changed\n")
+    path = run / "metadata.yaml"
+    path.write_text(path.read_text() + "# changed\n")
 
 
 def _without_digests(run: Path) -> None:
@@ -563,30 +538,33 @@ def _without_digests(run: Path) -> None:
     change(run, lambda d: d.pop("files", None), skew)
 
 
-def _of_the_engine(run: Path) -> None:
-    lost = "/a: 3 messages are not in the recording"
-    change(run, lambda d: d["quality"]["remarks"].append(lost))
+def remarked(run: Path, remark: str) -> None:
+    change(run, lambda d: d["quality"]["remarks"].append(remark))
 
 
 def _torn(run: Path) -> None:
     bag = next(run.glob("*.mcap"))
-    bag.write_bytes(bag.read_bytes()[:-200])
+    os.truncate(bag, bag.stat().st_size - 200)
     change(run, lambda d: d.pop("files", None))
 
 
 def _torn_and_known(run: Path) -> None:
     _torn(run)
     (remark,) = check_run(RunPath(run)).differences
-    change(run, lambda d: d["quality"]["remarks"].append(remark.recomputed))
-    shutil.copytree(run, run.with_name("moved"))
+    remarked(run, remark.recomputed)
+    run.rename(run.with_name("moved"))
     assert found(run.with_name("moved")) == []
+    run.with_name("moved").rename(run)
 
 
 FILES: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     "changed and gone": (_files, ["files.condition_1.yaml", "files.{run}_event.csv.sha256"]),
     "metadata": (_metadata, ["files.metadata.yaml.sha256", "files.metadata.yaml.bytes"]),
     "of a version that kept no digests": (_without_digests, []),
-    "remarks that only the engine could make": (_of_the_engine, []),
+    "remarks that only the engine could make": (
+        lambda run: remarked(run, "/a: 3 messages are not in the recording"),
+        [],
+    ),
     "a torn recording": (_torn, ["quality.remarks"]),
     "a torn recording that the result knows": (_torn_and_known, []),
 }
@@ -601,31 +579,24 @@ def test_a_file_that_is_not_what_the_result_was_made_of_is_found(case: str, run:
 
 
 def test_without_a_result_or_a_recording_there_is_nothing_to_check(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     bag, published = next(run.glob("*.mcap")), tmp_path / "published"
     publish(run, published)
-    assert check(bag, published) == 2
     none = "no stored result lies beside the recording"
-    assert stored_result(bag) == none
+    nothing = "has no result.json to check: name a run folder with a result\n"
+    first, second = madrob.say(CHECK, bag, published).err.splitlines(keepends=True)
+    assert (stored_result(bag), first) == (none, f"madrob: {bag}: {nothing}")
+    assert "files without a recording" in second
     (run / RESULT_FILE).unlink()
-    assert stored_result(run) == none
-    assert check(run) == 2
-    errors = capsys.readouterr().err.splitlines()
-    nothing = "has no result.json to check: name a run folder with a result"
-    assert errors[::2] == [f"madrob: {path}: {nothing}" for path in (bag, run)]
-    assert "files without a recording" in errors[1]
-    with pytest.raises(SystemExit):
-        check(run, flags=("--ruleset", "protocol"))
-    assert "not allowed with" in capsys.readouterr().err
+    assert (stored_result(run), madrob.refusal(CHECK, run)) == (none, f"madrob: {run}: {nothing}")
 
 
 def test_an_aborted_and_an_unfinished_run_and_one_cut_off_with_its_result_agree(
-    tmp_path: Path,
+    folder: Path,
 ) -> None:
     for seconds in (0.5, 3.0):  # in the countdown, and later
         assert found(ended_after(seconds)) == []
-    folder = shutil.copytree(completed(), tmp_path / completed().name)
     *lines, last = (folder / JOURNAL_FILE).read_text().splitlines(keepends=True)
     assert "result written" in last
     (folder / JOURNAL_FILE).write_text("".join(lines))
@@ -633,20 +604,19 @@ def test_an_aborted_and_an_unfinished_run_and_one_cut_off_with_its_result_agree(
 
 
 def test_a_result_that_hides_damage_where_lists_do_not_look_is_named(
-    run: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, madrob: Madrob
 ) -> None:
     path, deep = run / RESULT_FILE, b"[" * 100_000 + b"]" * 100_000
     path.write_bytes(path.read_bytes().rstrip()[:-1] + b', "more": ' + deep + b"}")
-    assert check(run) == 2
-    (said,) = capsys.readouterr().err.splitlines()
-    assert "result.json is damaged" in said
+    assert "result.json is damaged" in madrob.refusal(CHECK, run)
 
 
 @pytest.mark.slow
-def test_every_simulated_run_agrees(tmp_path: Path, pytestconfig: pytest.Config) -> None:
-    count = pytestconfig.getoption("--runs")
+def test_every_simulated_run_agrees(
+    tmp_path: Path, pytestconfig: pytest.Config, madrob: Madrob
+) -> None:
     scenarios, rulesets = (*EVERY, Scenario.WORN, Robot.RANDOM), list(RulesetName)
-    for number in range(count):
+    for number in range(pytestconfig.getoption("--runs")):
         drive = Drive(tmp_path, scenarios[number % len(scenarios)], number, latch=number % 3 == 0)
         setup = make_setup(
             Condition.from_number(number % 20 + 1),
@@ -656,16 +626,10 @@ def test_every_simulated_run_agrees(tmp_path: Path, pytestconfig: pytest.Config)
         )
         drive.whole_run(setup)
         drive.engine.close()
-    assert check(tmp_path, flags=("--jobs", "1")) == 0
+    madrob(f"{CHECK} --jobs 1", tmp_path)
 
 
 # ---------------------------------------------------------------- by other rules
-
-
-def reissue(folder: Path, rules: RulesetName) -> None:
-    made = next_issue(RunPath(folder), RuleChange("rules of May", rules, "Ada", 1_800_000_100.0))
-    assert made is not None
-    write_next_issue(made, 1_800_000_101.0)
 
 
 def test_a_result_that_was_put_beside_another_run_is_not_issued_again_as_that_one(
@@ -673,5 +637,6 @@ def test_a_result_that_was_put_beside_another_run_is_not_issued_again_as_that_on
 ) -> None:
     change(folder, lambda document: document.update(subject=41))
     without_digests(folder)
+    by = RuleChange("rules of May", RulesetName.PROTOCOL, "Ada", 1_800_000_100.0)
     with pytest.raises(MadrobError, match=r"of another run .*subject: stored 41, now 3"):
-        reissue(folder, RulesetName.PROTOCOL)
+        next_issue(RunPath(folder), by)

@@ -272,7 +272,9 @@ def test_without_a_file_each_condition_is_a_table_that_its_leader_begins(
     results: Path, madrob: Madrob
 ) -> None:
     write(results, summary(4, outcome=Outcome.TIMEOUT, values={**VALUES, "capability_level": 3}))
+    (results / summary(2, run_number=9, hour=9).folder).mkdir()
     lines = [" ".join(line.split()) for line in madrob("standings", results).splitlines()]
+    assert "Runs without a result yet: 1." in lines
     assert "MADROB standings Autumn Cup" in lines
     assert "Each team's best run: level, then time. The protocol makes no ranking." in lines
     at = lines.index("Condition 7, Constant Force: push the door, from side CCW to side CW")
