@@ -8,8 +8,10 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given
@@ -69,14 +71,23 @@ JSON = st.recursive(
 # ---------------------------------------------------------------- what is read
 
 
-@given(RUNS)
-def test_a_summary_says_what_its_result_says(run: RunSummary) -> None:
+@given(st.lists(RUNS, max_size=2, unique_by=lambda run: run.started))
+def test_a_summary_says_what_its_result_says_oldest_first(runs: list[RunSummary]) -> None:
     with tempfile.TemporaryDirectory() as root:
-        write(Path(root), run)
-        history = History(Path(root))
-        assert history.refresh() == (run,)
-        assert history.refresh() == (run,)
-        assert History(Path(root)).refresh() == (run,)
+        for run in runs:
+            write(Path(root), run)
+        history, ordered = History(Path(root)), tuple(sorted(runs, key=lambda run: run.started))
+        assert history.refresh() == history.refresh() == ordered
+        assert History(Path(root)).refresh() == ordered
+
+
+def test_strangers_are_skipped(tmp_path: Path) -> None:
+    write(tmp_path, summary())
+    (tmp_path / "notes").mkdir()
+    (tmp_path / RunName(1, 1, 1).folder_name(EPOCH)).write_text("a file")
+    (tmp_path / RunName(2, 1, 1).folder_name(EPOCH)).symlink_to(tmp_path / summary().folder)
+    (tmp_path / "subject_001_cond_001_run_001_20239999_000000").mkdir()
+    assert History(tmp_path).refresh() == (summary(),)
 
 
 @pytest.mark.parametrize("outcome", list(Outcome))
@@ -87,17 +98,6 @@ def test_a_run_that_does_not_count_says_why(tmp_path: Path, outcome: Outcome) ->
     assert read == again
     assert len(read.reason) == (0 if read.valid else 500)
     assert "a visitor xxx".startswith(read.reason[:13])
-
-
-def test_runs_come_oldest_first_and_strangers_are_skipped(tmp_path: Path) -> None:
-    later, earlier = summary(run_number=1, hour=2.0), summary(run_number=2, hour=1.0)
-    write(tmp_path, later)
-    write(tmp_path, earlier)
-    (tmp_path / "notes").mkdir()
-    (tmp_path / RunName(1, 1, 1).folder_name(EPOCH)).write_text("a file")
-    (tmp_path / RunName(2, 1, 1).folder_name(EPOCH)).symlink_to(tmp_path / later.folder)
-    (tmp_path / "subject_001_cond_001_run_001_20239999_000000").mkdir()
-    assert History(tmp_path).refresh() == (earlier, later)
 
 
 # ---------------------------------------------------------------- what is wrong
@@ -140,23 +140,25 @@ def changed(**fields: object) -> bytes:
 def test_a_result_that_cannot_be_used_says_why_and_what_to_do(
     tmp_path: Path, content: bytes, words: str
 ) -> None:
-    path = write(tmp_path, summary())
-    path.write_bytes(content)
+    write(tmp_path, summary()).write_bytes(content)
     (run,) = History(tmp_path).refresh()
     problem = str(run.problem)
     assert words in problem
     assert ("damaged" in problem) <= ("`madrob recover`" in problem)
     assert len(problem) < 250
-    assert (run.subject, run.condition, run.run_number, run.started) == (3, 7, 1, EPOCH)
-    assert (run.outcome_word, run.valid) == ("DAMAGED", False)
+    damaged = summary(problem=problem, source=None)
+    same = ("subject", "condition", "run_number", "started", "problem", "outcome_word", "valid")
+    assert {name: getattr(run, name) for name in same} == {
+        name: getattr(damaged, name) for name in same
+    }
 
 
 def test_a_result_that_another_version_wrote_is_not_called_damaged(results: Path) -> None:
     result, journal = (next(results.glob(f"*/{name}")) for name in (RESULT_FILE, JOURNAL_FILE))
-    before = hashlib.sha256(result.read_bytes()).hexdigest()
-    result.write_text(result.read_text().replace('"outcome": "timeout"', '"outcome": "won"'))
-    after = hashlib.sha256(result.read_bytes()).hexdigest()
-    journal.write_text(journal.read_text().replace(before, after))
+    before, text = result.read_bytes(), journal.read_text()
+    after = before.replace(b'"outcome": "timeout"', b'"outcome": "won"')
+    result.write_bytes(after)
+    journal.write_text(text.replace(*(hashlib.sha256(one).hexdigest() for one in (before, after))))
     (run,) = History(results).refresh()
     assert "use the madrob-console that wrote it" in str(run.problem)
     assert (run.repairable, run.valid) == (False, False)
@@ -178,23 +180,16 @@ def test_a_wrong_value_in_a_result_is_an_unknown_or_a_problem_in_words(
 
 
 def test_a_run_that_has_not_changed_is_not_read_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    many: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    opened: list[str] = []
-
-    def counted(path: str | Path) -> int:
-        opened.append(str(path))
-        return open_plain(path)
-
-    put_many(tmp_path)
-    history = History(tmp_path)
+    history, opened = History(many), Mock(side_effect=open_plain)
     assert history.refresh() == MANY
-    monkeypatch.setattr("madrob_console.common.files.open_plain", counted)
+    monkeypatch.setattr("madrob_console.common.files.open_plain", opened)
     assert history.refresh() == MANY
-    assert opened == []
-    path = write(tmp_path, summary(run_number=40, hour=40))
+    opened.assert_not_called()
+    path = write(many, summary(run_number=40, hour=40))
     assert len(history.refresh()) == len(MANY) + 1
-    assert {Path(one).parent for one in opened} == {path.parent}
+    assert {Path(call.args[0]).parent for call in opened.call_args_list} == {path.parent}
 
 
 def test_a_result_that_changed_is_read_again_also_with_its_old_size_and_time(
@@ -221,14 +216,15 @@ def test_a_result_that_changed_is_read_again_also_with_its_old_size_and_time(
 MANY = tuple(summary(run_number=number, hour=number) for number in range(1, 40))
 
 
-def put_many(root: Path) -> None:
+@pytest.fixture
+def many(tmp_path: Path) -> Path:
     for run in MANY:
-        write(root, run)
+        write(tmp_path, run)
+    return tmp_path
 
 
-def test_several_threads_may_read_at_once(tmp_path: Path) -> None:
-    put_many(tmp_path)
-    history = History(tmp_path)
+def test_several_threads_may_read_at_once(many: Path) -> None:
+    history = History(many)
     with ThreadPoolExecutor(4) as threads:
         reading = [threads.submit(history.refresh) for _thread in range(4)]
     assert [one.result() for one in reading] == [MANY] * 4
@@ -237,32 +233,33 @@ def test_several_threads_may_read_at_once(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- which runs
 
 
-def test_a_run_compares_with_earlier_completed_ones_of_the_same_robot_and_condition() -> None:
-    good = (summary(hour=1), summary(hour=2))
-    others = [
+COMPARED: dict[str, tuple[dict[str, object], RunSummary]] = {
+    "official": ({}, summary(hour=1)),
+    "practice": ({"practice": True}, summary(hour=1, source="simulated")),
+    # another team has this number there
+    "elsewhere": ({"competition": "Spring Cup"}, summary(hour=1, competition="Spring Cup")),
+    "other rules": ({"ruleset": "eurobench-2020"}, summary(hour=1, ruleset="eurobench-2020")),
+}
+
+
+@pytest.mark.parametrize("kind", COMPARED)
+def test_a_run_compares_with_earlier_completed_ones_of_the_same_robot_and_condition(
+    kind: str,
+) -> None:
+    runs = [
         summary(hour=3),  # the run itself and later ones
         summary(hour=4),
         summary(subject=4, hour=1),
         summary(condition=8, hour=1),
-        summary(hour=1, outcome=Outcome.TIMEOUT),
-        summary(hour=1, outcome=Outcome.ABORTED),
-        summary(hour=1, outcome=Outcome.INTERRUPTED),
-        summary(hour=1, outcome=None),
+        *(summary(hour=1, outcome=one) for one in (*Outcome, None) if one != Outcome.COMPLETED),
         summary(hour=1, voided=True),
         summary(hour=1, problem="damaged"),
         summary(hour=1, source="replay"),
+        *(run for _, run in COMPARED.values()),
     ]
-    practice = summary(hour=1, source="simulated")
-    elsewhere = summary(hour=1, competition="Spring Cup")  # another team has this number there
-    by_others = summary(hour=1, ruleset="eurobench-2020")
-    runs = [*others, practice, elsewhere, *good]
-    of = partial(earlier_runs, competition="Autumn Cup", practice=False)
-    assert of(runs, 3, 7, others[0].started) == good
-    assert of(runs, 3, 7, others[0].started, practice=True) == (practice,)
-    assert of(runs, 3, 7, others[0].started, competition="Spring Cup") == (elsewhere,)
-    assert len(of([*runs, by_others], 3, 7, others[0].started)) == 3
-    rules = partial(of, [*runs, by_others], 3, 7, others[0].started)
-    assert rules(ruleset="eurobench-2020") == (by_others,)
+    asked, expected = COMPARED[kind]
+    of = {"competition": "Autumn Cup", "practice": False, "ruleset": "protocol", **asked}
+    assert earlier_runs(runs, 3, 7, runs[0].started, **of) == (expected,)  # type: ignore[arg-type]
 
 
 Spoil = Callable[[Path], object]
@@ -274,47 +271,41 @@ DIGITS = "9" * 400
 METADATA = "metadata.yaml"
 
 
-def _file_of(folder: Path, name: str) -> Path:
-    return next(folder.glob(name))
-
-
 def _put(name: str, content: bytes) -> Spoil:
-    return lambda folder: _file_of(folder, name).write_bytes(content)
+    return lambda folder: next(folder.glob(name)).write_bytes(content)
 
 
 def _grown(name: str) -> Spoil:
     """Its content, and 20 GB of nothing behind it."""
-    return lambda folder: os.truncate(_file_of(folder, name), 20 * 10**9)
+    return lambda folder: os.truncate(next(folder.glob(name)), 20 * 10**9)
 
 
-def in_its_place(make: Callable[[Path], object]) -> Callable[[Path], None]:
-    def replaced(path: Path) -> None:
+def _placed(name: str, make: Callable[[Path], object]) -> Spoil:
+    def replaced(folder: Path) -> None:
+        (path,) = folder.glob(name)
         path.unlink()
         make(path)
 
     return replaced
 
 
-def _placed(name: str, make: Callable[[Path], object]) -> Spoil:
-    return lambda folder: in_its_place(make)(_file_of(folder, name))
-
-
 def _line(text: str) -> Spoil:
     """One more line in the journal, or more of them."""
-
-    def spoil(folder: Path) -> None:
-        with (folder / JOURNAL_FILE).open("a") as file:
-            file.write(text + "\n")
-
-    return spoil
+    return lambda folder: put_lines(folder / JOURNAL_FILE, text + "\n")
 
 
-def _event(what: str, details: str, time: str = "1700000001.0", origin: str = "system") -> str:
-    return f'{{"time": {time}, "origin": "{origin}", "what": "{what}", "details": {{{details}}}}}'
+def put_lines(journal: Path, lines: str) -> None:
+    with journal.open("a") as file:
+        file.write(lines)
+
+
+EVENT = '{"time": 1700000001.0, "origin": "system", "what": "event", "details": {"time": 1.0}}'
 
 
 def _change(what: str, details: str, time: str = "1700000001.0") -> Spoil:
-    return _line(_event(what, details, time))
+    return _line(
+        f'{{"time": {time}, "origin": "system", "what": "{what}", "details": {{{details}}}}}'
+    )
 
 
 def _setup(key: str, value: str) -> Spoil:
@@ -373,7 +364,7 @@ CASES: dict[str, Spoil] = {
     "journal grown": _grown(JOURNAL_FILE),
     "result grown": _grown(RESULT_FILE),
     "bag grown": _grown("*.mcap"),
-    "journal of 10^6 lines": _line("\n".join([_event("event", '"time": 1.0')] * 10**6)),
+    "journal of 10^6 lines": _line("\n".join([EVENT] * 10**6)),
     "journal of zeros": _put(JOURNAL_FILE, bytes(9_999)),
     "journal of one long line": _put(JOURNAL_FILE, b'{"time": 1, "what": "' + b"x" * 10**7),
     "journal nested": _put(JOURNAL_FILE, b'{"time":' + b"[" * 10**6 + b"\n"),
@@ -439,15 +430,6 @@ def no_report(_run: Path) -> tuple[dict[str, bytes], list[str]]:
     return {}, []
 
 
-def _words(use: Callable[[], object]) -> str | None:
-    """What a `MadrobError` says; nothing else may be raised."""
-    try:
-        use()
-    except MadrobError as error:
-        return str(error)
-    return None
-
-
 @pytest.mark.parametrize(
     ("case", "cut_off"),
     [(case, cut) for case in CASES for cut in (False, True) if not cut or "result" not in case],
@@ -473,20 +455,23 @@ def test_a_spoilt_run_spoils_nothing_else(results: Path, case: str, *, cut_off: 
         assert (run.problem is not None) != (name in asked)  # asked about, or said why not
     assert next_run_number(results, run.subject, run.condition) == 3
 
-    for check in (False, True):
-        told = tried(RunPath(bad), work=partial(describe_run, check=check))
-        if told.problem:
-            assert str(bad) in told.problem
-            assert "report it" not in told.problem
-    if (why := _words(lambda: open_run(bad))) is not None:
-        assert str(bad) in why
-        assert why.isprintable()
-        assert "report it" not in why
+    said = [
+        told.problem
+        for check in (False, True)
+        if (told := tried(RunPath(bad), work=partial(describe_run, check=check))).problem
+    ]
+    try:
+        open_run(bad)
+    except MadrobError as error:
+        said.append(str(error))
+    for why in said:
+        assert (str(bad) in why, "report it" in why, why.isprintable()) == (True, False, True)
     competition_standings([good, run], made=0.0, official=False)
     if "grown" not in case and "huge" not in case:
         found, subject = collected_in(results), run.subject
         pack(team_contents(found, subject, 0.0, practice=True), no_report)
-        _words(lambda: pack(team_contents(found, subject, 0.0), no_report))
+        with suppress(MadrobError):
+            pack(team_contents(found, subject, 0.0), no_report)
 
 
 def test_a_folder_of_hostile_journals_is_looked_through_at_once(results: Path) -> None:
@@ -496,23 +481,21 @@ def test_a_folder_of_hostile_journals_is_looked_through_at_once(results: Path) -
     for number in range(2, 8):
         run = copy_run(results, number)
         (run / RESULT_FILE).unlink()
-        with (run / JOURNAL_FILE).open("a") as file:
-            file.write(line * 15_000)
+        put_lines(run / JOURNAL_FILE, line * 15_000)
     journals = MOST_READ // (run / JOURNAL_FILE).stat().st_size
     lines = (run / JOURNAL_FILE).read_text().splitlines() * journals
-
-    def parsing() -> float:
+    took, found = list[float](), []
+    for work in (
+        lambda: [json.loads(each) for each in lines],
+        lambda: found.extend(find_unfinished(results)),
+        lambda: [json.loads(each) for each in lines],
+    ):
         began = time.process_time()
-        for each in lines:
-            json.loads(each)
-        return time.process_time() - began
-
-    before = parsing()
-    began = time.process_time()
-    found = find_unfinished(results)
-    looking = time.process_time() - began
+        work()
+        took.append(time.process_time() - began)
     assert len(found) == journals
-    assert looking < OF_PARSING * (before + parsing()) / 2  # a busy machine is slow at both
+    before, looking, after = took
+    assert looking < OF_PARSING * (before + after) / 2  # a busy machine is slow at both
 
 
 def test_a_journal_that_somebody_locks_goes_on_only_where_an_older_version_recorded_it(
