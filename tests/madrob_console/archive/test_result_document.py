@@ -8,6 +8,7 @@ import os
 import platform
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,46 +22,23 @@ from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.archive.result_document import ResultDocument, result_schema
 from madrob_console.archive.result_files import result_files
 from madrob_console.archive.result_reader import read_result
-from madrob_console.cli.main import main
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.referee.acts import Abort, AddNote, Finalise, MarkIncident, Reissue, Rule
-from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.testbeds.simulated import Scenario
-from scoring.protocol import LockDetection, Signal, Step
+from scoring.protocol import Signal
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.recorded_runs import ended_after, recorded
+from tests.madrob_console.recorded_runs import aborted, appealed, ended_after, recorded
+from tests.madrob_console.run_folders import put_hole
 
 STORED = Path(__file__).parent / "result_schema_1.json"
 
 
-def decided(root: Path) -> Path:
-    """With everything that a referee can say, and a second issue."""
-    drive = Drive(root, Scenario.NO_TOUCH)
-    drive.start(make_setup(lock_detection=LockDetection.REFEREE))
-    drive.wait(1.0)
-    drive.act(MarkIncident(IncidentKind.FALL), AddNote("lights flickered"))
-    drive.act(*(Rule(step, confirmed=True, reason="seen") for step in Step))
-    drive.finish()
-    drive.act(Rule(Step.CROSS, confirmed=False, reason="seen from the side"))
-    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "the robot was slower"))
-    drive.act(Reissue("the team is right"))
-    drive.act(Rule(Step.CROSS, confirmed=True, reason="seen in the video"))
-    drive.engine.close()
-    return drive.folder
-
-
-KINDS: dict[str, Callable[[Path], Path]] = {
-    "completed": decided,
-    "timeout": lambda _: recorded(Scenario.TOUCH_ONLY),
-    "aborted": lambda _: ended_after(3.0, Abort("the door fell off")),
-    "interrupted": lambda _: ended_after(3.0),
+FOLDERS: dict[str, Callable[[], Path]] = {
+    "completed": partial(recorded, Scenario.NOMINAL),  # ruled, protested, issued again
+    "timeout": appealed,  # with all else that a referee can say
+    "aborted": aborted,
+    "interrupted": partial(ended_after, 6.0),
 }
-
-
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A run of each outcome."""
-    return {name: make(tmp_path_factory.mktemp("results")) for name, make in KINDS.items()}
 
 
 def document(folder: Path) -> dict[str, Any]:
@@ -68,36 +46,38 @@ def document(folder: Path) -> dict[str, Any]:
     return content
 
 
-@pytest.mark.parametrize("outcome", KINDS)
-def test_every_result_is_what_the_schema_says(folders: dict[str, Path], outcome: str) -> None:
-    found = document(folders[outcome])
+@pytest.mark.parametrize("outcome", FOLDERS)
+def test_every_result_is_what_the_schema_says(outcome: str) -> None:
+    folder = FOLDERS[outcome]()
+    found = document(folder)
     assert found["outcome"] == outcome
     jsonschema.validate(found, result_schema())
     assert set(found) == {each.name for each in fields(ResultDocument)}
-    for path in folders[outcome].glob("result_issue_*.json"):
+    for path in folder.glob("result_issue_*.json"):
         jsonschema.validate(json.loads(path.read_text()), result_schema())
     assert found["files_left_out"] == []
     kinds = {Path(name).suffix for name in found["files"]}
     assert kinds == {".mcap", ".yaml", ".csv"}
-    assert len(found["files"]) == sum(one.suffix in kinds for one in folders[outcome].iterdir())
+    assert len(found["files"]) == sum(one.suffix in kinds for one in folder.iterdir())
     for name, told in found["files"].items():
-        data = (folders[outcome] / name).read_bytes()
+        data = (folder / name).read_bytes()
         assert told == {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
 
 
-def test_a_result_read_back_is_written_to_the_same_bytes(folders: dict[str, Path]) -> None:
-    data = (folders["completed"] / "result.json").read_bytes()
+@pytest.mark.parametrize("outcome", FOLDERS)
+def test_a_result_read_back_is_written_to_the_same_bytes(outcome: str) -> None:
+    data = (FOLDERS[outcome]() / "result.json").read_bytes()
     again = msgspec.json.encode(msgspec.json.decode(data, type=ResultDocument))
     assert msgspec.json.format(again, indent=2) + b"\n" == data
-    assert read_result(str(folders["completed"])).team == "Delft"
+    assert read_result(str(FOLDERS[outcome]())).team == "Delft"
 
 
-def test_a_result_names_what_computed_it(folders: dict[str, Path]) -> None:
-    for folder in folders.values():
-        assert document(folder)["libraries"] == {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "scipy", "pandas")},
-        }
+@pytest.mark.parametrize("outcome", FOLDERS)
+def test_a_result_names_what_computed_it(outcome: str) -> None:
+    assert document(FOLDERS[outcome]())["libraries"] == {
+        "python": platform.python_version(),
+        **{name: version(name) for name in ("numpy", "scipy", "pandas")},
+    }
 
 
 @pytest.mark.parametrize(
@@ -120,12 +100,9 @@ def test_a_result_says_how_its_signals_were_read_live_and_in_a_rescoring(
     assert again["result.json"] == (drive.folder / "result.json").read_bytes()
 
 
-def test_the_schema_of_a_format_does_not_change_unnoticed(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["schema"]) == 0
-    printed = capsys.readouterr().out
-    assert printed == STORED.read_text(), "store it: madrob schema > tests/.../result_schema_1.json"
+def test_the_schema_of_a_format_does_not_change_unnoticed(madrob: Madrob) -> None:
+    remedy = "store it: madrob schema > tests/.../result_schema_1.json"
+    assert madrob("schema") == STORED.read_text(), remedy
 
 
 def test_the_schema_is_one_and_describes_every_key_with_its_unit() -> None:
@@ -143,8 +120,7 @@ def test_a_recording_that_cannot_be_read_has_no_digest_and_a_reason(tmp_path: Pa
     (folder / "event.csv").write_text("time,event\n")
     (folder / "run_0.mcap").symlink_to("/etc/passwd")
     os.mkfifo(folder / "pipe.csv")
-    with (folder / "sparse.csv").open("wb") as sparse:
-        sparse.truncate(20 * 10**9)
+    put_hole(folder / "sparse.csv")
     digests, left_out = digests_of(folder)
     assert list(digests) == ["event.csv"]
     assert left_out == (
