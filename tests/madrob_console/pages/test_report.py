@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import shutil
@@ -18,10 +17,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive.scored import Scored, score_opened
-from madrob_console.cli.report_command import report as report_command
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import software_version
-from madrob_console.pages import PictureFormat, report_pictures
+from madrob_console.pages import report_pictures
 from madrob_console.pages.related_runs import (
     NOWHERE,
     ComparedRun,
@@ -62,9 +60,11 @@ from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
 from scoring.result import EventRecord, Indicator, Uncertainty, value_text
 from scoring.rulesets import RulesetName
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.pages.page import Page
 from tests.madrob_console.recorded_runs import (
+    aborted,
     ended_after,
     new_drive,
     publish,
@@ -106,7 +106,7 @@ RUNS: Mapping[str, Callable[[], Path]] = {
     "signed": signed,
     "timeout": partial(recorded, Scenario.TOUCH_ONLY),
     "reissued": reissued,
-    "aborted": partial(ended_after, 5.0, Abort("robot on fire")),
+    "aborted": aborted,
     "aborted in the countdown": partial(ended_after, 0.5, Abort("not ready")),
     "interrupted": partial(ended_after, 6.0),
 }
@@ -246,10 +246,8 @@ TOLD: dict[str, dict[str, tuple[str, ...]]] = {
 def test_what_is_known_of_a_run_is_told(kind: str) -> None:
     page = Page(page_of(kind))
     page.tells(TOLD[kind])
-    assert ("The run took" in page.text) == (
-        kind not in {"aborted in the countdown", "interrupted"}
-    )
-    assert ("svg" in page.tags) == ("aborted" not in kind)
+    untimed = kind in {"aborted in the countdown", "interrupted"}
+    assert ("The run took" in page.text, "svg" in page.tags) == (not untimed, "aborted" not in kind)
 
 
 def test_numbers_beside_the_indicators_are_those_of_the_run(page: Page, scored: Scored) -> None:
@@ -274,8 +272,8 @@ def test_numbers_beside_the_indicators_are_those_of_the_run(page: Page, scored: 
     assert page.tags.count("figure") == page.tags.count("figcaption") == len(FigureName) + 1
     unsafety = result.indicators[IndicatorName.UNSAFETY_OF_DOOR_OPERATION]
     assert value_text(unsafety.value or 0.0, unsafety.uncertainty) in spoken[0]
-    touch = seconds[EventName.HANDLE_IS_TOUCHED]
-    assert all(f"touch at {touch:.2f} s" in spoken[n] for n in (0, 1, 4))
+    touch = f"touch at {seconds[EventName.HANDLE_IS_TOUCHED]:.2f} s"
+    assert [touch in spoken[n] for n in (0, 1, 4)] == [True] * 3
     (sensors,) = (words for words in page.found("aria-label") if words.startswith("Passage"))
     begin, end = re.findall(r"(?:approach CCW|leave CW) at ([0-9.]+)", sensors)
     assert f"occupation: {begin} to {end} s" in sensors
@@ -525,33 +523,32 @@ def test_a_page_tells_what_is_known_and_no_more(case: str, scored: Scored) -> No
     one = OTHERWISE[case]
     page = Page(report_html(one.change(scored), "4.5.6", one.place))
     page.tells(one.told)
-    for part, words in one.untold.items():
-        assert not [each for each in words if each in page.part(part)]
-    if one.place.files:
-        links = {"../other/report.html", "result.json", "javascript%3A%22x%22%20%231.csv"}
-        assert links <= set(page.found("href"))
+    said = [(part, each) for part, words in one.untold.items() for each in words]
+    assert [(part, each) for part, each in said if each in page.part(part)] == []
+    links = {"../other/report.html", "result.json", "javascript%3A%22x%22%20%231.csv"}
+    assert not one.place.files or links <= set(page.found("href"))
 
 
 @pytest.mark.parametrize(
-    ("words", "source", "practice"),
+    ("kind", "words", "source", "practice"),
     [
-        ("SIMULATED: not an official result.", SourceKind.SIMULATED, True),
-        ("REPLAY: not an official result.", SourceKind.REPLAY, False),
-        ("PRACTICE: not an official result.", SourceKind.ROS, True),
-        ("INVALID: the referee aborted this run.", SourceKind.ROS, False),
+        ("aborted", "SIMULATED: not an official result.", SourceKind.SIMULATED, True),
+        ("aborted", "REPLAY: not an official result.", SourceKind.REPLAY, False),
+        ("aborted", "PRACTICE: not an official result.", SourceKind.ROS, True),
+        ("aborted", "INVALID: the referee aborted this run.", SourceKind.ROS, False),
+        (
+            "interrupted",
+            "INTERRUPTED: the machine failed during this run.",
+            *(SourceKind.ROS, False),
+        ),
     ],
 )
 def test_a_page_begins_with_why_its_run_is_none_that_counts(
-    words: str, source: SourceKind, *, practice: bool, scored: Scored
+    kind: str, words: str, source: SourceKind, *, practice: bool
 ) -> None:
-    page = Page(report_html(of_source(ended(scored), source, practice=practice)))
+    page = Page(report_html(of_source(run_of(kind)[1], source, practice=practice)))
     assert page.part("body").startswith(words)
     assert ("PRACTICE: not an official result." in page.part("header")) == practice
-
-
-def test_a_run_that_was_cut_off_says_so_first() -> None:
-    page = Page(report_html(of_source(run_of("interrupted")[1], SourceKind.ROS)))
-    assert page.part("body").startswith("INTERRUPTED: the machine failed during this run.")
 
 
 def test_where_the_time_went_is_told_beside_median_and_best(scored: Scored) -> None:
@@ -575,15 +572,17 @@ def test_where_the_time_went_is_told_beside_median_and_best(scored: Scored) -> N
 
 
 def test_each_indicator_stands_beside_the_team_s_best_and_the_field_s(scored: Scored) -> None:
-    other = {**VALUES, "time_to_handle": 1.5, "smoothness_of_door_actuation": 0.5}
-    known = {IndicatorName.TIME_TO_HANDLE: Uncertainty(0.01, 0.02)}
+    def other(subject: int, number: int, **own: float) -> RunSummary:
+        sure = {IndicatorName.TIME_TO_HANDLE: Uncertainty(0.01, 0.02)} if subject == 8 else {}
+        return summary(subject, 1, number, values={**VALUES, **own}, uncertainties=sure)
+
     field = (
         beside(3, 2),
-        ComparedRun(summary(8, 1, 1, values=other, uncertainties=known), {}),
-        ComparedRun(summary(9, 1, 1, values={**VALUES, "smoothness_of_door_actuation": 0.01}), {}),
+        ComparedRun(other(8, 1, time_to_handle=1.5, smoothness_of_door_actuation=0.5), {}),
+        ComparedRun(other(9, 1, smoothness_of_door_actuation=0.01), {}),
     )
-    mine = summary(3, 1, 9, values={**VALUES, "passage_time": 0.25})
-    page = Page(report_html(scored, place=PagePlace(field=field, itself=mine)))
+    place = PagePlace(field=field, itself=other(3, 9, passage_time=0.25))
+    page = Page(report_html(scored, place=place))
     told = {
         "time to handle": "3.2140 1.50 +- 0.02",
         "smoothness of door actuation": "0.0625 0.5000",
@@ -623,8 +622,7 @@ def test_a_page_in_its_folder_knows_files_team_and_field(folder: Path, scored: S
     assert [named[one.summary.folder] for one in place.team] == ["own", "own, another condition"]
     assert all((folder / one.page).is_file() for one in place.team)
     assert place.field[0].phases[TimedPhase.CROSS] == 1.0
-    assert "result.json" in place.files
-    assert "report.html" not in place.files
+    assert {"result.json", "report.html"} & set(place.files) == {"result.json"}
     assert place.itself is not None
     for fields in ({"outcome": Outcome.TIMEOUT}, {"voided": Voiding(1.0, "wrong door", "Ada")}):
         assert RelatedRuns().place_of(folder, of_run(scored, **fields)).field == ()
@@ -674,98 +672,95 @@ def _typed(scored: Scored, typed: list[str]) -> Scored:
 # ---------------------------------------------------------------- the command
 
 
-def report(*paths: Path, figures: PictureFormat | None = None, output: Path | None = None) -> int:
-    return report_command.main(
-        argparse.Namespace(paths=list(paths), figures=figures, output=output)
-    )
-
-
 def files_below(root: Path) -> set[str]:
     return {str(path.relative_to(root)) for path in root.rglob("[!.]*") if path.is_file()}
 
 
-def _alone(folder: Path) -> Path:
-    return Path(shutil.copy(next(folder.glob("*.mcap")), folder.parents[1] / "alone.mcap"))
-
-
-def _published(folder: Path) -> Path:
-    publish(folder, folder.parents[1] / "published")
-    return folder.parents[1] / "published"
-
-
-def _copied(folder: Path) -> list[Path]:
-    return [folder, shutil.copytree(folder, folder.parents[1] / "other" / folder.name)]
+def _put(folder: Path, to: str) -> Path:
+    """A copy of a run, of its recording alone or of what is published of it."""
+    place = folder.parents[1] / to
+    if to == "published":
+        publish(folder, place)
+        return place
+    if to.endswith(".mcap"):
+        return Path(shutil.copy(next(folder.glob("*.mcap")), place))
+    return shutil.copytree(folder, place / folder.name)
 
 
 RUN = "subject_003_cond_001_run_001"
-SVG = PictureFormat.SVG
 IN_FOLDER = rf"results/{RUN}_\d+_\d+/report\.html"
-Arguments = Callable[[Path], tuple[list[Path], PictureFormat | None, Path | None]]
-REPORTS: dict[str, tuple[Arguments, int, dict[str, int], tuple[str, ...]]] = {
+OF_PUBLISHED = {r"published/.*\.(csv|yaml)": -1}
+Arguments = Callable[[Path], tuple[object, ...]]
+REPORTS: dict[str, tuple[str, Arguments, int, dict[str, int], tuple[str, ...]]] = {
     "a results folder stands for its runs": (
-        lambda run: ([run.parent], None, None),
+        *("", lambda run: (run.parent,)),
         *(0, {IN_FOLDER: 1}, ()),
     ),
     "a folder of their own": (
-        lambda run: ([run], None, run.parents[1] / "to" / "take home"),
+        *("--output", lambda run: (run.parents[1] / "to" / "take home", run)),
         *(0, {rf"to/take home/{RUN}_\d+_\d+_report\.html": 1}, ()),
     ),
     "beside a bag alone": (
-        lambda run: ([_alone(run)], None, None),
+        *("", lambda run: (_put(run, "alone.mcap"),)),
         *(0, {r"alone\.mcap": 1, r"alone_report\.html": 1}, ()),
     ),
     "a bad folder is named and the rest is reported": (
-        lambda run: ([run.parents[1] / "nothing", run], None, None),
+        *("", lambda run: (run.parents[1] / "nothing", run)),
         *(2, {IN_FOLDER: 1}, ("nothing",)),
     ),
     "published files have no report": (
-        lambda run: ([_published(run)], None, None),
-        *(2, {r"published/.*\.(csv|yaml)": -1}, ("--figures",)),
+        *("", lambda run: (_put(run, "published"),)),
+        *(2, OF_PUBLISHED, ("--figures",)),
     ),
     "published files have figures": (
-        lambda run: ([_published(run)], SVG, None),
-        *(0, {r"published/.*\.(csv|yaml)": -1, rf"published/{RUN}_figure_.*\.svg": 5}, ()),
+        *("--figures svg", lambda run: (_put(run, "published"),)),
+        *(0, {**OF_PUBLISHED, rf"published/{RUN}_figure_.*\.svg": 5}, ()),
     ),
     "two runs of one name do not overwrite each other": (
-        lambda run: (_copied(run), None, run.parents[1] / "out"),
+        *("--output", lambda run: (run.parents[1] / "out", run, _put(run, "other"))),
         *(2, {"other/.*": -1, "out/.*": 1}, ("choose another --output",)),
     ),
-    "an output that is a file": (lambda run: ([run], None, run / "result.json"), 2, {}, ("",)),
+    "an output that is a file": (
+        *("--output", lambda run: (run / "result.json", run)),
+        *(2, {}, ("",)),
+    ),
     **{
         f"figures as {kind}": (
-            lambda run, kind=kind: ([run], kind, run.parents[1] / "figures"),  # type: ignore[misc]
+            *(f"--figures {kind} --output", lambda run: (run.parents[1] / "figures", run)),
             *(0, {rf"figures/{RUN}_\d+_\d+_figure_.*\.{kind}": 5}, ()),
         )
-        for kind in (PictureFormat.PNG, PictureFormat.SVG)
+        for kind in ("png", "svg")
     },
+    "an aborted run has no pictures": (
+        *("--figures svg --output", lambda run: (run.parents[1] / "none", aborted())),
+        *(0, {}, ("invalid",) * 5),
+    ),
     "a page that zooms": (
-        lambda run: ([run], PictureFormat.HTML, None),
+        *("--figures html", lambda run: (run,)),
         *(0, {IN_FOLDER.replace("report", "signals"): 1}, ()),
     ),
     "a page that zooms of published files": (
-        lambda run: ([_published(run)], PictureFormat.HTML, None),
-        *(0, {r"published/.*\.(csv|yaml)": -1, rf"published/{RUN}_signals\.html": 1}, ()),
+        *("--figures html", lambda run: (_put(run, "published"),)),
+        *(0, {**OF_PUBLISHED, rf"published/{RUN}_signals\.html": 1}, ()),
     ),
 }
 
 
 @pytest.mark.parametrize("case", REPORTS)
 def test_reports_and_figures_lie_where_they_are_asked_for(
-    case: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    case: str, folder: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
-    arguments, code, made, said = REPORTS[case]
+    options, paths, code, made, told = REPORTS[case]
     before = files_below(tmp_path)
-    paths, figures, output = arguments(folder)
-    assert report(*paths, figures=figures, output=output) == code
+    said = madrob.say(f"report {options}", *paths(folder))
     new = files_below(tmp_path) - before
     for pattern, count in made.items():
         found = {name for name in new if re.fullmatch(pattern, name)}
         assert len(found) == count or count < 0
         new -= found
-    assert new == set()
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == len(said)
-    assert all(words in line for words, line in zip(said, lines, strict=True))
+    lines = said.err.splitlines()
+    assert (said.code, new, len(lines)) == (code, set(), len(told))
+    assert all(words in line for words, line in zip(told, lines, strict=True))
     begins = {"png": b"\x89PNG", "svg": b"<?xml"}
     for path in tmp_path.glob("figures/*"):
         assert path.read_bytes().startswith(begins[path.suffix[1:]])
@@ -795,45 +790,33 @@ def test_the_page_that_zooms_has_every_sample_and_loads_nothing(scored: Scored) 
 
 
 def test_the_report_made_later_is_that_of_the_run(
-    folder: Path, scored: Scored, capsys: pytest.CaptureFixture[str]
+    folder: Path, scored: Scored, madrob: Madrob
 ) -> None:
-    assert report(folder) == 0
+    assert madrob("report", folder) == f"{folder / 'report.html'}\n"
     place = RelatedRuns().place_of(folder, scored)
     assert (folder / "report.html").read_text() == report_html(scored, software_version(), place)
-    assert capsys.readouterr().out == f"{folder / 'report.html'}\n"
 
 
 def test_without_matplotlib_a_report_says_what_is_missing_and_has_all_else(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    folder: Path, madrob: Madrob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in ("plots", "drawing"):
         monkeypatch.delitem(sys.modules, f"scoring.figures.{module}", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     report_pictures.figures.cache_clear()
     remedy = "need matplotlib: install madrob-console with its extra `report`"
-    assert report(folder) == 0
+    madrob("report", folder)
     page = Page((folder / "report.html").read_text())
     page.tells({"Figures": (remedy,), "Indicators": ("execution time",)})
-    assert report(folder, figures=SVG) == 2
-    assert remedy in capsys.readouterr().err
+    assert remedy in madrob.complaint("report --figures svg", folder)
     report_pictures.figures.cache_clear()
 
 
-def test_what_only_the_stored_result_says_of_the_data_is_in_the_report(folder: Path) -> None:
-    result = folder / "result.json"
-    remark = '"remarks": [\n      "recorder: 7 messages dropped"]'
-    result.write_text(result.read_text().replace('"remarks": []', remark))
-    without_digests(folder)
-    assert report(folder) == 0
-    page = Page((folder / "report.html").read_text())
-    page.tells({"Data quality": ("recorder: 7 messages dropped",)})
-
-
-def test_an_aborted_run_has_no_pictures_and_says_why(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_only_the_stored_result_says_of_the_data_is_in_the_report(
+    folder: Path, madrob: Madrob
 ) -> None:
-    source, _ = run_of("aborted")
-    folder = shutil.copytree(source, tmp_path / source.name)
-    assert report(folder, figures=SVG) == 0
-    assert list(folder.glob("figure*")) == []
-    assert "invalid" in capsys.readouterr().err
+    result, dropped = folder / "result.json", "recorder: 7 messages dropped"
+    result.write_text(result.read_text().replace('"remarks": []', f'"remarks": ["{dropped}"]'))
+    without_digests(folder)
+    madrob("report", folder)
+    Page((folder / "report.html").read_text()).tells({"Data quality": (dropped,)})
