@@ -33,6 +33,7 @@ from madrob_console.testbeds.simulated import Scenario
 from recorder.survey import put_listing
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
+from tests.madrob_console.references.bags import put_messages
 
 _kept: list[TemporaryDirectory[str]] = []
 
@@ -167,33 +168,18 @@ def converted(
     """
     with next(run.glob("*_0.mcap")).open("rb") as file:
         reader = make_reader(file)
-        kept = [
+        messages = [
             one for one in reader.iter_messages(log_time_order=False) if without not in one[1].topic
         ]
         metadata = list(reader.iter_metadata()) if records else []
-    blocks = [
-        kept[start : start + (chunk or len(kept))]
-        for start in range(0, len(kept), chunk or len(kept))
-    ]
+    size = chunk or len(messages)
+    starts = range(0, len(messages), size)
     with to.open("wb") as file:
         writer = Writer(file, chunk_size=100_000 if chunk else 2**20)
         writer.start(profile="ros2", library="another tool")
-        channels = dict[int, int]()
         for record in metadata:
             writer.add_metadata(record.name, record.metadata)
-        for schema, channel, message in (one for block in blocks[::-1] for one in block):
-            assert schema is not None
-            if channel.id not in channels:
-                kind = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, kind, channel.metadata
-                )
-            writer.add_message(
-                channels[channel.id],
-                message.log_time,
-                message.data,
-                message.publish_time,
-                message.sequence,
-            )
-        writer.finish()  # type: ignore[no-untyped-call]
+        put_messages(
+            writer, (one for start in starts[::-1] for one in messages[start : start + size])
+        )
     return to

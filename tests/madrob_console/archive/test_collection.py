@@ -269,7 +269,7 @@ def test_identity_and_testbed_stand_in_journal_recording_result_and_run_info(run
 
 
 def test_each_set_up_has_an_identity_of_its_own_whatever_a_screen_sends(drive: Drive) -> None:
-    found = set()
+    found = set[str]()
     for _ in range(4):  # as new, and as the screen has got it
         setup = drive.engine.run.setup
         drive.act(SetUp(make_setup() if len(found) % 2 == 0 or setup is None else setup))

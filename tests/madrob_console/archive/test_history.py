@@ -27,7 +27,12 @@ from madrob_console.archive.folders import (
     next_run_number,
 )
 from madrob_console.archive.history import History, earlier_runs
-from madrob_console.archive.run_journal import MOST_READ, find_unfinished, is_held
+from madrob_console.archive.run_journal import (
+    MOST_READ,
+    Unfinished,
+    find_unfinished,
+    is_held,
+)
 from madrob_console.archive.scored import open_run
 from madrob_console.cli.batch import tried
 from madrob_console.cli.score_command import describe_run
@@ -155,10 +160,11 @@ def test_a_result_that_cannot_be_used_says_why_and_what_to_do(
 
 def test_a_result_that_another_version_wrote_is_not_called_damaged(results: Path) -> None:
     result, journal = (next(results.glob(f"*/{name}")) for name in (RESULT_FILE, JOURNAL_FILE))
-    before, text = result.read_bytes(), journal.read_text()
+    before = result.read_bytes()
     after = before.replace(b'"outcome": "timeout"', b'"outcome": "won"')
     result.write_bytes(after)
-    journal.write_text(text.replace(*(hashlib.sha256(one).hexdigest() for one in (before, after))))
+    old, new = (hashlib.sha256(content).hexdigest() for content in (before, after))
+    journal.write_text(journal.read_text().replace(old, new))
     (run,) = History(results).refresh()
     assert "use the madrob-console that wrote it" in str(run.problem)
     assert (run.repairable, run.valid) == (False, False)
@@ -484,7 +490,7 @@ def test_a_folder_of_hostile_journals_is_looked_through_at_once(results: Path) -
         put_lines(run / JOURNAL_FILE, line * 15_000)
     journals = MOST_READ // (run / JOURNAL_FILE).stat().st_size
     lines = (run / JOURNAL_FILE).read_text().splitlines() * journals
-    took, found = list[float](), []
+    took, found = list[float](), list[Unfinished]()
     for work in (
         lambda: [json.loads(each) for each in lines],
         lambda: found.extend(find_unfinished(results)),

@@ -23,6 +23,7 @@ from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.version import software_version
 from madrob_console.testbeds.simulated import Scenario
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import copy_run
 
 if TYPE_CHECKING:
@@ -32,13 +33,10 @@ ROOT = Path(__file__).parents[3]
 
 
 def test_without_distributed_one_line_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, madrob: Madrob
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert main(["score", "--scheduler", "tcp://10.0.0.5:8786", str(tmp_path)]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err == (
+    assert madrob.refusal("score --scheduler tcp://10.0.0.5:8786", tmp_path) == (
         "madrob: --scheduler needs Dask: install the package `distributed`, "
         "here and on the workers\n"
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -27,6 +28,7 @@ from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import recorded
 from tests.slowly import slow_but_for
 from tests.terminal import Terminal
+from tests.watching import until
 
 PROGRAM = (sys.executable, "-m", "madrob_console.cli")
 
@@ -87,19 +89,17 @@ def test_screens_are_not_painted_into_a_pipe(command: str, lines: str, tmp_path:
 def test_a_signal_aborts_the_run_and_keeps_it_on_record(
     number: signal.Signals, tmp_path: Path
 ) -> None:
-    line = ("run", "--testbed", "simulated", "--countdown", "1", "--no-report", "--results")
-    with subprocess.Popen(
-        (*PROGRAM, *line, str(tmp_path)), stdout=subprocess.PIPE, text=True
-    ) as process:
+    line = ["run", "--testbed", "simulated", "--countdown", "1", "--no-report", "--results"]
+    command = (*PROGRAM, *line, str(tmp_path))
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         while "run starts" not in process.stdout.readline():
             assert process.poll() is None
         process.send_signal(number)
-        rest = process.stdout.read()
-    assert process.returncode == 4
-    folder = rest.splitlines()[-1].removeprefix("run folder: ")
-    stored = json.loads(Path(folder, "result.json").read_text())
-    assert (stored["outcome"], number.name in stored["outcome_reason"]) == ("aborted", True)
+        *_, last = process.stdout
+    stored = json.loads(Path(last.strip().removeprefix("run folder: "), "result.json").read_text())
+    told = process.returncode, stored["outcome"], number.name in stored["outcome_reason"]
+    assert told == (4, "aborted", True)
 
 
 # Ctrl+C, at whatever moment: one line, nothing half made, exit code 130 (as shells have it).
@@ -113,11 +113,10 @@ SAID = (-signal.SIGINT, "madrob: stopped\n")
 
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
-    root = tmp_path / "results"
     for number in range(1, RUNS + 1):
         name = f"subject_001_cond_001_run_{number:03d}_20260321_1000{number:02d}"
-        shutil.copytree(recorded(Scenario.NOMINAL), root / name)
-    return root
+        shutil.copytree(recorded(Scenario.NOMINAL), tmp_path / "results" / name)
+    return tmp_path / "results"
 
 
 def interrupted(arguments: Sequence[str], begun: Callable[[IO[str]], object]) -> tuple[int, str]:
@@ -323,18 +322,15 @@ def test_tab_completes(shell: Terminal, typed: str, completed: str) -> None:
 
 @pytest.mark.machine
 def test_tab_starts_no_program(shell: Terminal, tmp_path: Path) -> None:
-    called = tmp_path / "called"
-    madrob = tmp_path / "madrob"
+    called, madrob = tmp_path / "called", tmp_path / "madrob"
     madrob.write_text(f"#!/bin/sh\ntouch {called}\n")
     madrob.chmod(0o755)
     shell.send(f"{madrob} x\n")
-    while not called.exists():  # it would be seen
-        time.sleep(0.01)
+    until(called.exists)  # it would be seen
     called.unlink()
-    shell.send("madrob stand\t")
-    shell.wait_for("madrob standings")
-    shell.send("--be\t")
-    shell.wait_for("--best")
+    for typed, completed in (("madrob stand\t", "madrob standings"), ("--be\t", "--best")):
+        shell.send(typed)
+        shell.wait_for(completed)
     assert not called.exists()
 
 
@@ -345,5 +341,4 @@ def test_the_script_sends_nobody_to_another_place_than_the_help_does(
     script = madrob("completion", name)
     assert script.startswith(FIRST[name])
     assert "madrob completion --help" in script.partition("\n\n")[0]
-    for elsewhere in (".local/share", ".bashrc"):
-        assert elsewhere not in script
+    assert not re.search(r"\.local/share|\.bashrc", script)

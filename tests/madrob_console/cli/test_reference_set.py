@@ -8,10 +8,11 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import msgspec
 import pytest
@@ -19,7 +20,6 @@ import pytest
 from madrob_console.archive import run_record
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.cli import reference_set
-from madrob_console.cli.main import main
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.reference_set import (
     ARCHIVE,
@@ -33,7 +33,8 @@ from recorder.reader import Bag
 from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Thresholds
-from scoring.rulesets import LowPassRule, RulesetName, ruleset
+from scoring.rulesets import LowPassRule, ruleset
+from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.references.bags import messages, record_of
 from tests.madrob_console.references.runs import RUNS, ReferenceRun
 from tests.madrob_console.references.truth import expected_text, reference
@@ -42,11 +43,7 @@ ROOT = Path(__file__).parents[3]
 NAMES = [run.name for run in RUNS]
 
 
-def doctor(capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str], str]:
-    """Exit code, lines of the output, error output."""
-    code = main(["doctor", "--reference"])
-    out, err = capsys.readouterr()
-    return code, out.splitlines(), err
+DOCTOR = "doctor --reference"
 
 
 @pytest.fixture
@@ -59,17 +56,18 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_this_installation_scores_right_and_needs_no_ros(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, madrob: Madrob
 ) -> None:
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    code, lines, err = doctor(capsys)
-    assert (code, err) == (0, "")
+    said = madrob.say(DOCTOR)
+    assert (said.code, said.err) == (0, "")
+    first, *lines, last = said.out.splitlines()
     number = r"\d+(\.\d+)+\S*"
     libraries = rf"NumPy {number}, SciPy {number}, pandas {number}"
-    assert re.fullmatch(rf"ok       versions +Python {number}, {libraries}", lines[0])
-    assert [line.split()[:2] for line in lines[1:-1]] == [["ok", name] for name in NAMES]
+    assert re.fullmatch(rf"ok       versions +Python {number}, {libraries}", first)
+    assert [line.split()[:2] for line in lines] == [["ok", name] for name in NAMES]
     values = 12 * (1 + 6 + 2 * 8)
-    assert lines[-1] == f"this installation scores right (12 references, {values} values)"
+    assert last == f"this installation scores right (12 references, {values} values)"
 
 
 WRONG: dict[str, list[tuple[dict[str, Any], str]]] = {
@@ -102,77 +100,68 @@ WRONG: dict[str, list[tuple[dict[str, Any], str]]] = {
 )
 def test_a_wrong_rule_or_threshold_is_named_with_its_value(
     what: str, wrong: dict[str, Any], off: str, copy: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    madrob: Madrob,
 ) -> None:  # fmt: skip
-    right = RunRecord.assessed_by
+    right: Callable[..., Assessment] = RunRecord.assessed_by
 
-    def spoilt(
-        record: RunRecord,
-        kind: type[Assessment],
-        start: float,
-        rules: RulesetName | None = None,
-    ) -> Assessment:
-        return right(replace(record, thresholds=replace(Thresholds(), **wrong)), kind, start, rules)
+    def spoilt(record: RunRecord, *rest: object) -> Assessment:
+        return right(replace(record, thresholds=replace(Thresholds(), **wrong)), *rest)
 
     if what == "rule":
         monkeypatch.setattr(run_record, "ruleset", lambda name: replace(ruleset(name), **wrong))
     else:
         monkeypatch.setattr(RunRecord, "assessed_by", spoilt)
-    told_off(copy, capsys, off)
-
-
-def told_off(folder: Path, capsys: pytest.CaptureFixture[str], off: str) -> None:
-    """Looks at the one recording that `off` begins with."""
-    path, recording = folder / EXPECTED_FILE, f"{off.split(maxsplit=1)[0]}.mcap"
+    # the one recording that `off` begins with is looked at
+    path, recording = copy / EXPECTED_FILE, f"{off.split(maxsplit=1)[0]}.mcap"
     kept = [one for one in msgspec.json.decode(path.read_bytes()) if one["recording"] == recording]
     path.write_bytes(msgspec.json.encode(kept))
-    code, lines, err = doctor(capsys)
-    assert (code, err) == (1, "")
+    lines = madrob(DOCTOR, code=1).splitlines()
     errors = [" ".join(line.split()[1:]) for line in lines if line.startswith("error ")]
     assert any(line.startswith(off) for line in errors), errors
     assert all(re.search(r": .+, expected \S+", line) for line in errors)
     assert re.match(rf"{len(errors)} values? (is|are) off: do not use this instal", lines[-1])
 
 
+@pytest.mark.usefixtures("copy")
 def test_a_recording_that_cannot_be_scored_has_all_its_values_off(
-    copy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    madrob: Madrob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*_: object) -> None:
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(Assessment, "result", broken)
-    code, lines, err = doctor(capsys)
-    assert (code, err) == (1, "")
+    monkeypatch.setattr(Assessment, "result", Mock(side_effect=ZeroDivisionError))
+    lines = madrob(DOCTOR, code=1).splitlines()
     assert len(lines) == 1 + len(RUNS) + 1
     assert lines[-1].startswith("276 values are off: ")
 
 
-@pytest.mark.parametrize("name", [EXPECTED_FILE, ARCHIVE])
-@pytest.mark.parametrize("how", ["missing", "torn", "changed", "a folder", "empty"])
-def test_a_file_that_is_not_as_it_was_shipped_is_one_clear_line(
-    name: str, how: str, copy: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = copy / name
-    content = path.read_bytes()
+def flipped(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 255
+    path.write_bytes(content)
+
+
+def in_its_place(path: Path) -> None:
     path.unlink()
-    match how:
-        case "torn":
-            path.write_bytes(content[: len(content) // 2])
-        case "changed":
-            middle = len(content) // 2
-            path.write_bytes(
-                content[:middle] + bytes([content[middle] ^ 255]) + content[middle + 1 :]
-            )
-        case "a folder":
-            path.mkdir()
-        case "empty":
-            path.write_bytes(b"")
-    code, lines, err = doctor(capsys)
-    assert code == BAD_INPUT
-    assert len(lines) == 1  # the versions
-    assert err.count("\n") == 1
-    assert err.startswith(f"madrob: {path}: ")
-    assert err.endswith(": install madrob-console again\n")
+    path.mkdir()
+
+
+NOT_AS_SHIPPED: dict[str, Callable[[Path], object]] = {
+    "missing": Path.unlink,
+    "torn": lambda path: os.truncate(path, path.stat().st_size // 2),
+    "changed": flipped,
+    "a folder": in_its_place,
+    "empty": lambda path: os.truncate(path, 0),
+}
+
+
+@pytest.mark.parametrize("name", [EXPECTED_FILE, ARCHIVE])
+@pytest.mark.parametrize("how", NOT_AS_SHIPPED)
+def test_a_file_that_is_not_as_it_was_shipped_is_one_clear_line(
+    name: str, how: str, copy: Path, madrob: Madrob
+) -> None:
+    NOT_AS_SHIPPED[how](copy / name)
+    said = madrob.say(DOCTOR)
+    assert (said.code, said.out.count("\n")) == (BAD_INPUT, 1)  # the versions
+    line = rf"madrob: {re.escape(str(copy / name))}: .*: install madrob-console again\n"
+    assert re.fullmatch(line, said.err)
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -39,6 +40,7 @@ from scoring.protocol import Step
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine_process import ROOT, EngineProcess
+from tests.madrob_console.recorded_runs import completed
 from tests.watching import until
 
 PROGRAM = [sys.executable, "-m", "madrob_console.cli.main"]
@@ -54,16 +56,12 @@ class Watching:
             self.process = subprocess.Popen(watch(engine, option), stdout=out, stderr=errors)
 
     @property
-    def lines(self) -> list[str]:
-        return self._out.read_text().splitlines()
+    def text(self) -> str:
+        return self._out.read_text()
 
     @property
-    def last(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self.lines[-1])
-        return found
-
-    def says(self, words: str) -> bool:
-        return words in self._out.read_text()
+    def states(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in self.text.splitlines()]
 
     def stop(self) -> tuple[int, str]:
         self.process.send_signal(signal.SIGINT)
@@ -81,13 +79,13 @@ def hall(folder: Path) -> Iterator[tuple[EngineProcess, Watching, Watching]]:
     no_reports = "[results]\nreports = false\n"
     with EngineProcess(folder / "runs", "nominal", speed=4.0, settings=no_reports) as engine:
         plain, states = (Watching(engine, folder, option) for option in ("--plain", "--json"))
-        try:
-            until(lambda: plain.lines and states.lines)
-            yield engine, plain, states
-        finally:
-            for one in (plain, states):
-                one.process.kill()
-                one.process.wait()
+        with plain.process, states.process:
+            try:
+                until(lambda: plain.text and states.text)
+                yield engine, plain, states
+            finally:
+                plain.process.kill()
+                states.process.kill()
 
 
 @pytest.mark.machine
@@ -97,15 +95,16 @@ def test_a_run_is_told_from_its_set_up_to_its_signature(tmp_path: Path) -> None:
         engine.result()
         engine.wait_for(lambda s: s.refusal(Finalise.name) is None)
         engine.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
-        until(lambda: plain.says("is final") and states.last["phase"] == Phase.FINAL)
+        until(lambda: "is final" in plain.text and states.states[-1]["phase"] == Phase.FINAL)
         engine.process.kill()
-        until(lambda: plain.says("the engine has ended") and states.last["engine"] == "ended")
+        until(
+            lambda: "the engine has ended" in plain.text and states.states[-1]["engine"] == "ended"
+        )
         assert [one.stop() for one in (plain, states)] == [(130, "madrob: stopped\n")] * 2
 
-    told = [re.sub(r"\d+(?:[.:]\d+)+", "#", line) for line in plain.lines]
+    told = [re.sub(r"\d+(?:[.:]\d+)+", "#", line) for line in plain.text.splitlines()]
     # a step that can still change is told as one so far, unless the result came with it
     assert any(line.endswith("step 4, cross the threshold, is done so far") for line in told)
-    told = [line.removesuffix(" so far") for line in told]
     expected = [
         "# watching SIMULATED nominal: no run is set up",
         f"# {WHO} is set up in condition 1: pull, from CCW to CW, No Force",
@@ -117,19 +116,20 @@ def test_a_run_is_told_from_its_set_up_to_its_signature(tmp_path: Path) -> None:
         "# the result is final: signed by R. Eferee, team acknowledged",
         "# the engine has ended: the next one is looked for",
     ]
-    assert [line for line in told if "fault: " not in line and "over: " not in line] == expected
+    assert expected == [
+        line.removesuffix(" so far") for line in told if not re.search("(fault|over): ", line)
+    ]
 
-    told_states = [json.loads(line) for line in states.lines]
-    for state in told_states:
+    for state in states.states:
         jsonschema.validate(state, watch_schema())
-    assert list(dict.fromkeys(state["phase"] for state in told_states)) == list(Phase)
-    last = told_states[-1]
+    assert list(dict.fromkeys(state["phase"] for state in states.states)) == list(Phase)
+    last = states.states[-1]
     assert (last["team"], last["practice"], last["outcome"]) == ("Delft", True, "completed")
     result, times = last["result"], [step["time"] for step in last["steps"]]
     assert (result["final"], result["valid"], result["values"]["capability_level"]) == (1, 1, 6)
     assert last["elapsed"] == pytest.approx(result["values"]["execution_time"], abs=0.1)
     assert times == sorted(times)
-    assert not any(state["result"] for state in told_states if state["phase"] == "running")
+    assert not any(state["result"] for state in states.states if state["phase"] == "running")
 
 
 @pytest.mark.machine
@@ -165,25 +165,20 @@ class Told:
 
 
 @pytest.fixture
-def told(tmp_path: Path) -> Iterator[Told]:
-    drive = Drive(tmp_path)
+def told(drive: Drive) -> Told:
     told = Told(drive)
     told.lines()
-    yield told
-    drive.engine.close()
+    return told
 
 
 def test_decisions_of_the_referee_are_told_with_their_reasons(told: Told) -> None:
-    drive = told.drive
+    drive, begins = told.drive, f"the countdown of {WHO} begins: 2 s"
     drive.prepare(make_setup())
     assert told.lines()[:1] == [f"{WHO} is set up in condition 1: pull, from CCW to CW, No Force"]
-    assert told.after(Start()) == [f"the countdown of {WHO} begins: 2 s"]
+    assert told.after(Start()) == [begins]
     drive.wait(1.0)
     again = told.after(RestartCountdown("a person in the way"))
-    assert again == [
-        "restart the countdown: a person in the way",
-        f"the countdown of {WHO} begins: 2 s",
-    ]
+    assert again == ["restart the countdown: a person in the way", begins]
     drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
     assert told.lines() == [f"{WHO} starts"]
     drive.wait(1.0)
@@ -194,21 +189,19 @@ def test_decisions_of_the_referee_are_told_with_their_reasons(told: Told) -> Non
     assert told.lines()[-1].endswith("s: 6 of 6 steps")
     denied = told.after(Rule(Step.CROSS, confirmed=False, reason="fell back"))
     drive.wait(1.0)
-    denied += told.lines()
-    assert denied[0] == "referee denies step 4: fell back"
-    assert denied[-1].startswith(f"{WHO} has ended after ")
-    assert denied[-1].endswith(" s: 3 of 6 steps")
+    first, *_, last = [*denied, *told.lines()]
+    assert first == "referee denies step 4: fell back"
+    assert re.fullmatch(rf"{WHO} has ended after .* s: 3 of 6 steps", last)
     assert "run voided: a person in the way" in told.after(Void("a person in the way"))
 
 
 def test_an_earlier_run_that_is_opened_is_told_once(told: Told) -> None:
-    told.drive.whole_run(make_setup())
-    folder = told.drive.folder
+    folder = told.drive.engine.config.results / "practice" / completed().name
+    shutil.copytree(completed(), folder)
     told.drive.act(SetUp(make_setup(run_number=2)))
     told.lines()
     assert told.drive.open(folder) is None
-    (line,) = told.lines()
-    assert line == f"an earlier run is opened: {WHO}"
+    assert told.lines() == [f"an earlier run is opened: {WHO}"]
 
 
 @pytest.mark.parametrize(
@@ -228,20 +221,21 @@ def test_other_ends_have_their_own_words(told: Told, act: Act, ends: list[str]) 
     assert [words for words in ends if words not in text] == []
 
 
-def test_a_fault_is_told_once_and_when_it_is_over(told: Told) -> None:
+@pytest.mark.parametrize(
+    ("then", "now", "words"),
+    [
+        ((), ("door: silent for 0.7 s",), ["fault: door: silent for 0.7 s"]),
+        (("door: silent for 0.7 s",), ("door: silent for 1.2 s",), []),
+        (("door: silent for 1.2 s",), (), ["over: door: silent for 1.2 s"]),
+    ],
+)
+def test_a_fault_is_told_once_and_when_it_is_over(
+    told: Told, then: tuple[str, ...], now: tuple[str, ...], words: list[str]
+) -> None:
     before = told.drive.engine.snapshot()
-
-    def lines(then: str, now: str) -> list[str]:
-        first = replace(before, faults=(then,) if then else ())
-        second = replace(before, faults=(now,) if now else (), time=before.time + 1.0)
-        changed = list(json_lines(first, second))
-        words = [line.partition(" ")[2] for line in plain_lines(first, second)]
-        assert len(changed) == len(words)
-        return words
-
-    assert lines("", "door: silent for 0.7 s") == ["fault: door: silent for 0.7 s"]
-    assert lines("door: silent for 0.7 s", "door: silent for 1.2 s") == []
-    assert lines("door: silent for 1.2 s", "") == ["over: door: silent for 1.2 s"]
+    first, second = replace(before, faults=then), replace(before, faults=now, time=before.time + 1)
+    assert [line.partition(" ")[2] for line in plain_lines(first, second)] == words
+    assert len(list(json_lines(first, second))) == len(words)
 
 
 def test_a_silent_engine_is_told_once_and_when_it_answers(told: Told) -> None:
@@ -260,12 +254,11 @@ def test_the_guide_has_the_keys_of_the_state(told: Told) -> None:
     page = (ROOT / "madrob_console/guide/robots.md").read_text()
     text = page.partition("\n## The same state without ROS\n")[2].partition("\n## ")[0]
     named = re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)
-    told.drive.whole_run(make_setup())
+    told.drive.whole_run(make_setup(timeout=1.0))
     state = json.loads(SpectatorState.of_snapshot(told.drive.engine.snapshot()).text)
     robots = json.loads(PublishedState.of(told.drive.engine.run).text)
     assert [*robots, *named] == [*state, *state["result"]]
-    for key in state["steps"][0]:
-        assert f"`{key}`" in text
+    assert [key for key in state["steps"][0] if f"`{key}`" not in text] == []
     assert list(state["result"]["values"]) == list(IndicatorName)
 
 

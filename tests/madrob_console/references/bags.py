@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mcap.reader import make_reader
+from mcap.records import Channel, Message, Schema
 from mcap.well_known import Profile
 from mcap.writer import CompressionType, IndexType, Writer
 
@@ -146,27 +147,32 @@ def write_bag(run: ReferenceRun, target: Path) -> None:
 def _without_index(recorded: Path, target: Path) -> None:
     """The same recording without the index of each message; the archive of all compresses it."""
     with recorded.open("rb") as source, target.open("wb") as file:
-        reader, writer = (
-            make_reader(source),
-            Writer(file, index_types=IndexType.CHUNK, compression=CompressionType.NONE),
-        )
+        reader = make_reader(source)
+        writer = Writer(file, index_types=IndexType.CHUNK, compression=CompressionType.NONE)
         writer.start(Profile.ROS2, "madrob reference recordings")
         for metadata in reader.iter_metadata():
             if metadata.name == RECORD_NAME:
                 writer.add_metadata(metadata.name, metadata.metadata)
-        channels: dict[str, int] = {}
-        for schema, channel, message in reader.iter_messages(log_time_order=False):
-            assert schema is not None
-            if channel.topic not in channels:
-                number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.topic] = writer.register_channel(
-                    channel.topic, channel.message_encoding, number, channel.metadata
-                )
-            writer.add_message(
-                channels[channel.topic],
-                message.log_time,
-                message.data,
-                message.publish_time,
-                message.sequence,
+        put_messages(writer, reader.iter_messages(log_time_order=False))
+
+
+def put_messages(
+    writer: Writer, messages: Iterable[tuple[Schema | None, Channel, Message]]
+) -> None:
+    """Write what a library's reader gives, and end the file."""
+    channels: dict[int, int] = {}
+    for schema, channel, message in messages:
+        assert schema is not None
+        if channel.id not in channels:
+            kind = writer.register_schema(schema.name, schema.encoding, schema.data)
+            channels[channel.id] = writer.register_channel(
+                channel.topic, channel.message_encoding, kind, channel.metadata
             )
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.add_message(
+            channels[channel.id],
+            message.log_time,
+            message.data,
+            message.publish_time,
+            message.sequence,
+        )
+    writer.finish()  # type: ignore[no-untyped-call]
