@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,13 @@ from tests.madrob_console.cli.typed import Madrob
 SPEED = 0.5
 SLACK = SPEED / 50 + math.tau / 3600
 """rad: what the panel turns between two samples, and a step of the encoder."""
+
+
+def half(sign: int, time: float) -> Scene:
+    """The door swings to one side."""
+    return Scene(angle=sign * swing(time, SPEED, 1.2, 1))
+
+
 NEW = DoorGeometry(lintel_height=2.4, panel_height=2.1, sensor_distance=0.25, sensor_spacing=0.11)
 
 
@@ -44,10 +52,6 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record_handle(root / "pushed", lambda _: -5 * GRAVITY, scale=gram, seed=2)
     record_handle(root / "hand", lambda time: 5 * GRAVITY * (time > 2), scale=gram, seed=3)
     return root
-
-
-def refused(madrob: Madrob, *arguments: object) -> str:
-    return madrob.refusal("calibrate", *arguments)
 
 
 # ---------------------------------------------------------------- masks
@@ -80,17 +84,10 @@ def test_the_proposal_says_per_sensor_what_it_rests_on(bags: Path, madrob: Madro
 
 
 def test_a_recording_of_each_side_counts_like_one_of_both(tmp_path: Path, madrob: Madrob) -> None:
-    def half(sign: int) -> Callable[[float], Scene]:
-        return lambda time: Scene(angle=sign * swing(time, SPEED, 1.2, 1))
-
+    mappings = [m for m in DEFAULT_MAPPINGS[:-1] if m.signal is not Signal.HANDLE]
     for side in Side:
-        record(
-            tmp_path / side,
-            half(side.sign),
-            4.8,
-            mappings=[m for m in DEFAULT_MAPPINGS[:-1] if m.signal is not Signal.HANDLE],
-        )
-    assert "to both sides" in refused(madrob, "masks", tmp_path / "cw")
+        record(tmp_path / side, partial(half, side.sign), 4.8, mappings=mappings)
+    assert "to both sides" in madrob.refusal("calibrate masks", tmp_path / "cw")
     madrob("calibrate masks", tmp_path / "cw", tmp_path / "ccw")
 
 
@@ -103,36 +100,35 @@ def test_topics_types_and_units_are_those_of_the_settings(tmp_path: Path, madrob
         field = "data"
         scale = 0.017453292519943295
     """
-    mine = parse_settings(text)
     (tmp_path / "mine.toml").write_text(text)
-    record(
-        tmp_path / "bag",
-        lambda time: Scene(angle=swing(time, SPEED, 1.2, 1)),
-        9.6,
-        mappings=[m for m in mine.mappings() if m.signal is not Signal.LATCH],
-    )
-    assert "no messages on /madrob/door/angle (door angle)" in refused(
-        madrob, "masks", tmp_path / "bag"
-    )
+    mappings = [m for m in parse_settings(text).mappings() if m.signal is not Signal.LATCH]
+    record(tmp_path / "bag", partial(half, 1), 9.6, mappings=mappings)
+    refusal = madrob.refusal("calibrate masks", tmp_path / "bag")
+    assert "no messages on /madrob/door/angle (door angle)" in refusal
     said = madrob("calibrate masks", tmp_path / "bag", "--settings", tmp_path / "mine.toml")
     assert parse_settings(said).scoring_thresholds().lintel_height == 2.0
 
 
+Spoil = Callable[[Signal, float, Reading], Reading | None]
+SPOILT: dict[str, tuple[Spoil, str]] = {
+    "a silent strip": (
+        lambda signal, _time, reading: None if signal is Signal.CCW_LEFT else reading,
+        "no messages on /madrob/passage/ccw_left",
+    ),
+    "a blind door": (
+        lambda signal, _time, reading: math.nan if signal is Signal.DOOR else reading,
+        "208 of 208 door angles are no numbers",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SPOILT)
 def test_a_strip_that_says_nothing_and_a_door_without_numbers_are_refused(
-    tmp_path: Path, madrob: Madrob
+    case: str, tmp_path: Path, madrob: Madrob
 ) -> None:
-    def silent(signal: Signal, _time: float, reading: Reading) -> Reading | None:
-        return None if signal is Signal.CCW_LEFT else reading
-
-    def blind(signal: Signal, _time: float, reading: Reading) -> Reading:
-        return math.nan if signal is Signal.DOOR else reading
-
-    record_sweep(tmp_path / "silent", times=1, sensors=SensorSettings(rate=20), spoil=silent)
-    assert "no messages on /madrob/passage/ccw_left" in refused(
-        madrob, "masks", tmp_path / "silent"
-    )
-    record_sweep(tmp_path / "blind", times=1, sensors=SensorSettings(rate=20), spoil=blind)
-    assert "208 of 208 door angles are no numbers" in refused(madrob, "masks", tmp_path / "blind")
+    spoil, words = SPOILT[case]
+    record_sweep(tmp_path / "bag", times=1, sensors=SensorSettings(rate=20), spoil=spoil)
+    assert words in madrob.refusal("calibrate masks", tmp_path / "bag")
 
 
 # ---------------------------------------------------------------- handle
@@ -162,14 +158,17 @@ def test_a_wrong_sign_is_said_in_words_and_mended(bags: Path, madrob: Madrob) ->
     assert "WRONG" not in madrob(f"{HANDLE} --towards cw", bags / "rest", bags / "pushed")
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "words"),
+    [
+        ("rest", "hand", "hand: a noise of"),
+        ("sweep", "rest", "no messages on /madrob/handle/force"),
+    ],
+)
 def test_a_handle_that_is_touched_or_a_weight_that_is_none_is_refused(
-    bags: Path, madrob: Madrob
+    first: str, second: str, words: str, bags: Path, madrob: Madrob
 ) -> None:
-    said = refused(madrob, "handle", bags / "rest", bags / "hand", "--mass", "5")
-    assert "hand: a noise of" in said
-    assert "no messages on /madrob/handle/force" in refused(
-        madrob, "handle", bags / "sweep", bags / "rest", "--mass", "5"
-    )
+    assert words in madrob.refusal(HANDLE, bags / first, bags / second)
 
 
 # ---------------------------------------------------------------- settings

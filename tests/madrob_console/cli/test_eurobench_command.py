@@ -20,12 +20,12 @@ from tests.scoring.eurobench.pandas_scripts import values
 SMOOTHNESS = IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION.value
 
 
+PATTERNS = ("*_event.csv", "*_wrench.csv", "*_jointState.csv", "condition_*.yaml")
+"""Event, wrench, jointState and condition file of a run, as EUROBENCH's runner names them."""
+
+
 def inputs(run: Path) -> list[Path]:
-    """Event, wrench, jointState and condition file of a run, as EUROBENCH's runner names them."""
-    return [
-        next(run.glob(pattern))
-        for pattern in ("*_event.csv", "*_wrench.csv", "*_jointState.csv", "condition_*.yaml")
-    ]
+    return [next(run.glob(pattern)) for pattern in PATTERNS]
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -82,35 +82,48 @@ def test_a_wrong_number_of_arguments_ends_in_one_line_and_minus_one(
     assert run(monkeypatch, "--help") == 0
 
 
+NAMES = ("event.csv", "wrench.csv", "jointState.csv", "condition.yaml")
+
+
 @pytest.mark.parametrize(
-    ("which", "text", "words"),
+    ("name", "text", "words"),
     [
-        (0, None, "event.csv: is missing"),
-        (1, "time,force\n1,2\n", "wrench.csv, line 1, column force_x: is missing"),
-        (2, "time,position,velocity,acceleration\n1,x,,\n", "jointState.csv, line 2, column pos"),
-        (2, b"\xff", "jointState.csv: is no UTF-8 text"),
-        (3, "benchmark_type: [", "condition.yaml, line 1: is no YAML"),
-        (3, "benchmark_type: No Force\n", "condition.yaml: door_opening_side '' is no side"),
+        ("event.csv", None, "event.csv: is missing"),
+        (
+            "wrench.csv",
+            b"time,force\n1,2\n",
+            "wrench.csv, line 1, column force_x: is missing",
+        ),
+        (
+            "jointState.csv",
+            b"time,position,velocity,acceleration\n1,x,,\n",
+            "jointState.csv, line 2, column pos",
+        ),
+        ("jointState.csv", b"\xff", "jointState.csv: is no UTF-8 text"),
+        ("condition.yaml", b"benchmark_type: [", "condition.yaml, line 1: is no YAML"),
+        (
+            "condition.yaml",
+            b"benchmark_type: No Force\n",
+            "condition.yaml: door_opening_side '' is no side",
+        ),
     ],
 )
 def test_a_file_that_cannot_be_used_is_named_in_one_line_and_nothing_is_written(
-    which: int,
-    text: str | bytes | None,
+    name: str,
+    text: bytes | None,
     words: str,
     files: list[Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    name = ("event.csv", "wrench.csv", "jointState.csv", "condition.yaml")[which]
     given = [*files]
-    given[which] = tmp_path / name
+    given[NAMES.index(name)] = tmp_path / name
     if text is not None:
-        given[which].write_bytes(text if isinstance(text, bytes) else text.encode())
+        (tmp_path / name).write_bytes(text)
     assert run(monkeypatch, *given, tmp_path / "out") == REFUSED
     said = capsys.readouterr().err
-    assert words in said
-    assert said.count("\n") == 1
+    assert (words in said, said.count("\n")) == (True, 1)
     assert not (tmp_path / "out").exists()
 
 

@@ -6,6 +6,7 @@ import sys
 import unicodedata
 from contextlib import suppress
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -54,21 +55,23 @@ def test_what_a_testbed_says_is_a_plain_line_of_a_run(
     words = said(capfd, "run", "--testbed", "simulated", *flags, f"--results={results}")
     assert "note: refused:  BOOM\n" in words
     assert "\nrun folder: " in words
-    [folder] = results.glob("practice/subject_*")
-    for command in ("score", "recover"):
-        assert said(capfd, command, str(folder)) != ""
-    for listing in (["standings"], ["table", "runs"], ["table", "events"]):
-        assert said(capfd, *listing, f"--results={results}") != ""
-    assert said(capfd, "export", f"--results={results}", "--subject=1") != ""
+    [folder] = map(str, results.glob("practice/subject_*"))
+    named = f"--results={results}"
+    for arguments in (
+        ("score", folder),
+        ("recover", folder),
+        ("standings", named),
+        ("table", "runs", named),
+        ("table", "events", named),
+        ("export", named, "--subject=1"),
+    ):
+        assert said(capfd, *arguments) != ""
 
 
 def test_a_traceback_is_made_safe_as_well(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    def fail(_: object) -> None:
-        raise ValueError(HOSTILE)
-
-    monkeypatch.setattr(command_line, "build_parser", fail)
+    monkeypatch.setattr(command_line, "build_parser", Mock(side_effect=ValueError(HOSTILE)))
     monkeypatch.setattr(sys, "argv", ["madrob", "schema"])
     assert main() == 1
     _, err = capfd.readouterr()

@@ -59,11 +59,11 @@ def test_the_doctor_says_in_json_what_it_says_in_lines(
     named = " ".join(["doctor", *lists, f"--results={tmp_path / 'runs'}"])
     told = document(madrob, named, code=BAD_INPUT)
     assert (told["passed"], told["verdict"]) == (False, "not usable: see the errors above")
-    assert {one["severity"] for one in told["findings"]} <= {one.name.lower() for one in Severity}
-    found = {one["subject"]: (one["severity"], one["text"]) for one in told["findings"]}
-    for name in ("teams", "plan"):
-        assert found[name][0] == "warning"
-        assert found[name][1].startswith(f"{name}.csv line 1: ")
-    assert found["results"][1].startswith(f"{tmp_path / 'runs'}: ")
+    severities = [one["severity"] for one in told["findings"]]
+    assert set(severities) <= {one.name.lower() for one in Severity}
+    found = {one["subject"]: f"{one['severity']} {one['text']}" for one in told["findings"]}
+    for name, words in (("teams", "teams.csv line 1: "), ("plan", "plan.csv line 1: ")):
+        assert found[name].startswith(f"warning {words}")
+    assert f" {tmp_path / 'runs'}: " in found["results"]
     lines = madrob(named, code=BAD_INPUT).splitlines()
-    assert [line.split()[0] for line in lines[:-1]] == [one["severity"] for one in told["findings"]]
+    assert [line.split()[0] for line in lines[:-1]] == severities
