@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -18,7 +19,7 @@ from madrob_console.config.tables import PlanSettings
 from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.lists import TeamList
 from tests.madrob_console.cli.typed import Madrob
-from tests.madrob_console.ui.inline_engine import HandEngine
+from tests.madrob_console.engine.drive import Drive
 
 RUN = "run --testbed simulated --countdown 1 --no-report --speed 0 --subject 3 --results"
 
@@ -58,10 +59,6 @@ def test_settings_prints_a_file_that_can_be_read_again(tmp_path: Path, madrob: M
     assert (told.code, told.err) == (0, f"{nowhere}: not there, the defaults hold\n")
     path.write_text(told.out)
     assert madrob.say("settings --settings", path).err == f"{path}: read, it is fine\n"
-
-
-def test_settings_that_no_engine_takes_are_not_called_fine(tmp_path: Path, madrob: Madrob) -> None:
-    path = tmp_path / "lab.toml"
     path.write_text('[[topics]]\nsignal = "door angle"\nfield = "data[0..3]"\n')
     assert "'data[0..3]' is no field" in madrob.refusal("settings --settings", path)
 
@@ -112,12 +109,13 @@ def test_the_engine_that_a_console_starts_has_what_was_given(
     ("option", "there"), [("teams", "no teams file"), ("plan", "no plan's file")]
 )
 def test_a_console_brings_no_other_list_to_an_engine_that_runs(
-    option: str, there: str, tmp_path: Path
+    option: str, there: str, tmp_path: Path, drive: Drive
 ) -> None:
-    engine, file = HandEngine(), tmp_path / "cup.csv"
+    engine, file = Mock(snapshot=drive.engine.snapshot), tmp_path / "cup.csv"
     arguments = typed("console", f"--{option}={file}")
     with pytest.raises(MadrobError, match=f"--{option} {file}: the engine that runs has {there};"):
         check_lists(engine, arguments, SETTINGS)
-    assert engine.closed
-    engine.put(teams=replace(TeamList({}), file=str(file)), plan=replace(Plan(), file=str(file)))
+    engine.close.assert_called_once_with()
+    drive.engine.set_teams(replace(TeamList({}), file=str(file)))
+    drive.engine.set_plan(replace(Plan(), file=str(file)))
     check_lists(engine, arguments, SETTINGS)

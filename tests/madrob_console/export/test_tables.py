@@ -1,4 +1,4 @@
-"""`madrob table`: runs, indicators, events, steps and samples, as tables for programs."""
+"""`madrob table` and `archive.tables`: all that is known of runs, as tables for programs."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from madrob_console.archive import score
-from madrob_console.archive.folders import runs_at
+from madrob_console.archive import MadrobError, score
+from madrob_console.archive import tables as all_tables
+from madrob_console.archive.folders import RunPath, runs_at
 from madrob_console.archive.table_columns import (
     DOOR,
     RUN_TABLES,
@@ -21,14 +22,21 @@ from madrob_console.archive.table_columns import (
     WHOSE,
     TidyTable,
 )
-from madrob_console.archive.table_rows import Frames
+from madrob_console.archive.table_rows import Frames, SampledRun
 from madrob_console.cli.table_command import write_samples
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import PASSAGE_SENSORS, Thresholds
 from scoring.rulesets import EUROBENCH_2020, RulesetName
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
-from tests.madrob_console.recorded_runs import aborted, appealed, copy_run, publish, recorded
+from tests.madrob_console.recorded_runs import (
+    aborted,
+    appealed,
+    completed,
+    copy_run,
+    publish,
+    recorded,
+)
 from tests.madrob_console.run_folders import summary, write
 
 _EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if pd.__version__ < "3" else {}
@@ -307,3 +315,48 @@ def test_an_aborted_run_has_its_series_too_and_the_latch_sensor_a_table(tmp_path
     assert facts.lock_detection.tolist() == ["sensor"]
     engaged = latch.engaged.tolist()
     assert (engaged[0], all(engaged), engaged[-1]) == (True, False, True)
+
+
+# ---------------------------------------------------------------- in a program
+
+
+def test_the_frames_are_the_tables_of_the_command(archive: Path, madrob: Madrob) -> None:
+    frames = all_tables(archive)
+    for one in RUN_TABLES:
+        assert madrob(f"table {one.name}", archive) == frames[one.name].to_csv(index=False)
+    assert [str(kind) for kind in frames["indicators"].dtypes] != ["object"] * 18
+
+
+def test_the_frames_of_samples_have_what_was_measured_in_all_runs(archive: Path) -> None:
+    frames = all_tables(archive)
+    runs = [SampledRun.of(RunPath(Path(place))) for place in frames["runs"].place]
+    for one in SAMPLE_TABLES:
+        assert list(frames[one.name].columns) == [column.name for column in one.columns]
+    assert frames["door"].position.tolist() == [
+        angle for run in runs for angle in run.series.rows.joint_state.position.tolist()
+    ]
+    samples = frames["samples"]
+    force = samples[samples.signal == "handle"]
+    assert force.value.tolist() == frames["handle"].force.tolist()
+    assert force.since_start.tolist() == frames["handle"].since_start.tolist()
+    ranges = samples[samples.signal == "cw_right_3"].groupby("run").size()
+    assert (ranges > 100).all()
+    assert set(frames) == {*(t.name for t in (*RUN_TABLES, *SAMPLE_TABLES)), "samples"}
+    assert all(isinstance(frame, pd.DataFrame) for frame in frames.values())
+
+
+def test_what_cannot_be_read_is_left_out_with_a_warning(tmp_path: Path) -> None:
+    torn, whole = (
+        Path(shutil.copytree(run, tmp_path / hall / "practice" / run.name))
+        for hall, run in (("a", recorded(Scenario.TOUCH_ONLY)), ("b", completed()))
+    )
+    next(torn.glob("*.mcap")).unlink()
+    frames = all_tables(tmp_path)
+    assert len(frames["runs"]) == 2
+    with pytest.warns(match="No such file"):
+        assert set(frames["run"].outcome) == {"completed"}
+    (torn / "result.json").write_text("{}")
+    with pytest.warns(match=r"result\.json"):
+        assert all_tables(tmp_path)["runs"].place.tolist() == [str(whole)]
+    with pytest.raises(MadrobError, match="no such folder"):
+        all_tables(tmp_path / "nowhere")
