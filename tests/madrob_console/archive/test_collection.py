@@ -51,7 +51,7 @@ def halls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_runs_are_found_at_any_depth_and_those_of_two_testbeds_with_one_folder_name_are_kept(
+def test_runs_lie_at_any_depth_and_two_testbeds_may_have_one_folder_name(
     halls: Path,
 ) -> None:
     found = collected([Path("merged"), Path("a"), Path("merged/halls")])

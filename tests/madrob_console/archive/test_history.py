@@ -504,7 +504,7 @@ def test_a_folder_of_hostile_journals_is_looked_through_at_once(results: Path) -
     assert looking < OF_PARSING * (before + after) / 2  # a busy machine is slow at both
 
 
-def test_a_journal_that_somebody_locks_goes_on_only_where_an_older_version_recorded_it(
+def test_a_locked_journal_goes_on_only_where_an_older_version_recorded_it(
     results: Path,
 ) -> None:
     """Whoever may read a run of today cannot make it seem to go on."""

@@ -160,7 +160,7 @@ def test_the_instant_that_a_protest_is_about_has_pictures(run: Path) -> None:
     assert shown.file.endswith("_protest_1_camera_front_image_compressed.jpg")
 
 
-def test_a_report_and_its_copy_on_a_site_have_the_pictures_with_words_for_who_cannot_see_them(
+def test_a_report_and_its_copy_on_a_site_have_the_pictures_with_their_words(
     filmed: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     page = page_of(filmed)

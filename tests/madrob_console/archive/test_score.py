@@ -70,7 +70,7 @@ def test_published_files_say_what_they_leave_open(tmp_path: Path) -> None:
     assert remarks_on(cut.result, "steps and outcome") == []  # the events are the protocol's
 
 
-def test_files_with_an_event_after_the_stop_score_as_the_recording_does_or_say_why_not(
+def test_files_with_an_event_after_the_stop_score_as_the_recording_or_say_why(
     tmp_path: Path,
 ) -> None:
     """By the published rules; the robot is under the sensors when its time is over."""
@@ -128,7 +128,7 @@ def test_a_recording_whose_set_up_is_lost_is_refused_with_the_remedy(tmp_path: P
         list(score(tmp_path))
 
 
-def test_what_completed_a_run_and_did_not_reach_the_disk_is_named_and_can_be_confirmed(
+def test_a_completion_that_did_not_reach_the_disk_is_named_and_can_be_confirmed(
     folder: Path,
 ) -> None:
     """The journal's line is on disk at once, what it was decided by half a second later."""
@@ -473,7 +473,7 @@ def test_a_check_says_in_which_grade_a_result_agrees_and_changes_nothing(
     assert files_of(run) == before
 
 
-def test_of_many_runs_it_is_counted_how_they_agree_and_a_difference_decides_the_exit_code(
+def test_of_many_runs_it_is_counted_how_they_agree_and_a_difference_decides(
     tmp_path: Path, madrob: Madrob
 ) -> None:
     made: list[tuple[Edit, ...]] = [UNSURE, (DOUBTED,), (EDITS["stop"],), (), ()]
@@ -499,7 +499,7 @@ def last_digit(*keys: str | int) -> Edit:
     return edit
 
 
-def test_times_counts_and_words_are_compared_to_the_last_digit_and_1e_9_is_the_border(
+def test_times_and_counts_are_compared_to_the_last_digit_and_values_to_1e_9(
     run: Path,
 ) -> None:
     """1e-9 of the time since the epoch is more than a second."""

@@ -40,7 +40,7 @@ def test_the_exit_code_says_how_the_run_ended(
     assert "capability level" in output
 
 
-def test_a_run_without_a_number_takes_the_next_free_one_and_one_that_is_there_is_kept(
+def test_a_run_without_a_number_takes_the_next_free_one_and_overwrites_none(
     tmp_path: Path, madrob: Madrob
 ) -> None:
     folders = [folder_in(madrob(RUN, tmp_path, "--timeout", "2", code=3)) for _ in range(2)]

@@ -315,7 +315,7 @@ def test_the_settings_say_how_many_runs_count_and_what_teams_are_called(
 
 
 @pytest.mark.parametrize("place", ["", "practice"])
-def test_a_damaged_run_is_named_in_a_line_on_the_side_where_it_lies_and_the_rest_goes_on(
+def test_a_damaged_run_is_named_on_the_side_where_it_lies_and_the_rest_goes_on(
     results: Path, madrob: Madrob, place: str
 ) -> None:
     write(results, summary(run_number=12, source="simulated"))

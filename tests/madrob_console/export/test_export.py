@@ -472,7 +472,7 @@ UNSAFE = (
 )
 
 
-def test_names_that_lead_out_of_the_folder_or_steer_a_terminal_are_left_out_and_named(
+def test_names_that_lead_out_or_steer_a_terminal_are_left_out_and_named(
     root: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     first = folders(root)[0]
@@ -677,7 +677,7 @@ PROTESTS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("case", PROTESTS)
-def test_who_decides_a_protest_reads_whose_run_it_is_and_what_of_the_evidence_is_missing(
+def test_who_decides_a_protest_reads_whose_run_it_is_and_what_is_missing(
     case: str,
 ) -> None:
     fields, words = PROTESTS[case]

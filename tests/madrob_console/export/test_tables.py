@@ -104,7 +104,7 @@ def put(root: Path, result: dict[str, Any], number: int = 1) -> None:
     (folder / "result.json").write_text(json.dumps(result))
 
 
-def test_runs_tells_which_numbers_are_not_the_protocols_and_who_reads_a_signal_otherwise(
+def test_runs_tells_which_numbers_and_mappings_are_not_the_usual_ones(
     archive: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     (first, _) = results_below(archive)

@@ -532,7 +532,7 @@ def test_a_slow_publisher_writes_no_older_pages_over_newer_ones(
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ENOENT])
-def test_what_cannot_be_read_or_is_gone_meanwhile_keeps_nothing_else_from_being_written(
+def test_a_result_that_cannot_be_read_keeps_nothing_else_from_being_written(
     results: Path,
     number: int,
     monkeypatch: pytest.MonkeyPatch,

@@ -158,7 +158,7 @@ def test_the_best_runs_have_the_highest_level_then_completed_then_are_fast() -> 
     assert standings(runs, best=99) == standings(runs)
 
 
-def test_the_time_of_a_failed_run_makes_it_no_better_and_of_equal_ones_the_earlier_is() -> None:
+def test_time_makes_no_failed_run_better_and_of_equal_ones_the_earlier_is() -> None:
     failed = [timed(t, hour=h, outcome=Outcome.TIMEOUT) for t, h in ((300.0, 1.0), (20.0, 2.0))]
     equal = [summary(values={TIME: 10.0, HANDLE: 7.0, LEVEL: 6}, hour=1.0), timed(10.0, hour=2.0)]
     for first, second in (failed, equal):
@@ -357,7 +357,7 @@ def test_all_statistics_have_the_digits_that_the_mean_s_uncertainty_leaves() -> 
     assert statistics_text(None, TIME) == {}
 
 
-def test_what_is_shown_is_rounded_up_and_the_legend_says_that_it_is_compared_unrounded() -> None:
+def test_uncertainties_are_shown_rounded_up_and_compared_unrounded_as_is_said() -> None:
     runs, _ = ALIKE["shown rounded up, compared unrounded"]
     text = list(standings_details(competition_standings(runs, made=0.0)))
     assert text[text.index("+-") + 1].split()[1] == "0.4"  # which would overlap
