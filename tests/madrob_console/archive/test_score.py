@@ -8,7 +8,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable
-from functools import reduce
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, cast
 
@@ -161,7 +161,7 @@ def test_a_completion_that_did_not_reach_the_disk_is_named_and_can_be_confirmed(
 
 
 FINAL = Finalise(TeamWord.PROTESTED, "Ada", "a foot stayed")
-RULED = Rule(Step.CROSS, confirmed=False, reason="one foot stayed")
+RULED = Rule(Step.TOUCH, confirmed=False, reason="it was a draught")
 STEPS: dict[str, tuple[Act, ...]] = {
     "note": (AddNote("a visitor"),),
     "incident": (MarkIncident(IncidentKind.FALL, "it fell"),),
@@ -192,8 +192,9 @@ def summary(folder: Path) -> RunSummary:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    source = completed()
+def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    """A copy of a completed run, or of the one that a test names."""
+    source: Path = getattr(request, "param", completed)()
     return shutil.copytree(source, tmp_path / "results" / source.name)
 
 
@@ -222,6 +223,9 @@ def repaired(folder: Path) -> Files:
     return files_of(folder)
 
 
+@pytest.mark.parametrize(
+    "folder", [partial(recorded, Scenario.TOUCH_ONLY)], ids=["short"], indirect=True
+)
 @pytest.mark.parametrize("step", STEPS)
 def test_a_cut_between_journal_and_result_ends_in_what_the_journal_says(
     folder: Path, step: str
