@@ -58,10 +58,10 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_masks_are_those_of_the_simulated_door(bags: Path) -> None:
-    found = masks_of(sweep_recordings([bags / "sweep"], Settings()), Settings())
-    assert found.lintel_height == pytest.approx(2.4, abs=0.002)
-    assert found.panel_height == pytest.approx(2.1, abs=0.002)
-    for view in found.views:
+    proposal = masks_of(sweep_recordings([bags / "sweep"], Settings()), Settings())
+    assert proposal.lintel_height == pytest.approx(2.4, abs=0.002)
+    assert proposal.panel_height == pytest.approx(2.1, abs=0.002)
+    for view in proposal.views:
         truth = NEW.panel_seen(NEW.mount(view.sensor))
         assert truth is not None
         assert (view.first, view.last) == pytest.approx(truth, abs=SLACK)
@@ -189,12 +189,15 @@ def test_every_proposal_reads_back_to_the_same_masks(
         )
         for sensor, place in zip(PASSAGE_SENSORS, places, strict=True)
     ]  # fmt: skip
-    found = MaskProposal(tuple(views), round(lintel, 3), 1.95, (-1.5, 1.5))
-    read = parse_settings(masks_toml(found)).scoring_thresholds()
-    assert read.lintel_height == found.lintel_height
-    assert read.mask_from == found.mask_from
-    assert (read.mask_to_cw, read.mask_to_ccw) == (found.mask_to(Side.CW), found.mask_to(Side.CCW))
-    for view in found.views:
+    proposal = MaskProposal(tuple(views), round(lintel, 3), 1.95, (-1.5, 1.5))
+    read = parse_settings(masks_toml(proposal)).scoring_thresholds()
+    assert read.lintel_height == proposal.lintel_height
+    assert read.mask_from == proposal.mask_from
+    assert (read.mask_to_cw, read.mask_to_ccw) == (
+        proposal.mask_to(Side.CW),
+        proposal.mask_to(Side.CCW),
+    )
+    for view in proposal.views:
         if view.first is not None and view.last is not None:
             sensor, sign = view.sensor, view.sensor.side.sign
             assert read.masked(sensor.side, sensor.index, sign * view.first)
@@ -206,9 +209,9 @@ def test_every_proposal_reads_back_to_the_same_masks(
 @given(st.floats(1e-6, 1e6), st.floats(-1e3, 1e3), st.sampled_from([-1, 1]))
 def test_every_handle_reads_back_to_the_same_force(scale: float, zero: float, sign: int) -> None:
     level = SteadyForce("recording", 200, 4.0, zero, 0.1, 0.0)
-    found = HandleProposal(sign * scale, zero, level, level)
+    proposal = HandleProposal(sign * scale, zero, level, level)
     mapping = next(m for m in DEFAULT_MAPPINGS if m.signal is Signal.HANDLE)
-    (topic,) = parse_settings(handle_toml(found, mapping)).topics
-    assert topic.scale == pytest.approx(found.scale, rel=1e-8)
-    assert topic.offset == pytest.approx(found.offset, rel=1e-8)
+    (topic,) = parse_settings(handle_toml(proposal, mapping)).topics
+    assert topic.scale == pytest.approx(proposal.scale, rel=1e-8)
+    assert topic.offset == pytest.approx(proposal.offset, rel=1e-8)
     assert (topic.topic, topic.type, topic.field) == (mapping.topic, mapping.type, mapping.field)

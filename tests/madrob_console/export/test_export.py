@@ -193,8 +193,8 @@ def test_only_the_teams_official_runs_are_packed_oldest_first_into_the_same_byte
 ) -> None:
     write(root, summary(3, run_number=4, hour=9, team="TEST", source="simulated"))
     runs = sorted(run_folder_names(root))
-    made = export(root)
-    names = list(read(made.path))
+    exported = export(root)
+    names = list(read(exported.path))
     packed_runs = list(dict.fromkeys(name.split("/")[0] for name in names if "/" in name))
     assert packed_runs == [folder.name for folder in folders(root)[:3]]
     assert names[-4:] == [
@@ -203,10 +203,10 @@ def test_only_the_teams_official_runs_are_packed_oldest_first_into_the_same_byte
         "README.txt",
         "SHA256SUMS",
     ]
-    assert made.path == root / "exports" / file_name(3, "Team 3", NOW)
-    assert (made.runs, made.files, made.problems) == (3, len(names), ())
-    data = made.path.read_bytes()
-    assert made.size == len(data)
+    assert exported.path == root / "exports" / file_name(3, "Team 3", NOW)
+    assert (exported.runs, exported.files, exported.problems) == (3, len(names), ())
+    data = exported.path.read_bytes()
+    assert exported.size == len(data)
     assert export(root).path.read_bytes() == data
     assert sorted(run_folder_names(root)) == runs  # zips are no runs
 
@@ -274,12 +274,12 @@ def test_a_damaged_table_is_named_and_the_rest_is_there(content: bytes, root: Pa
     first = folders(root)[0]
     (table,) = first.glob("*_jointState.csv")
     table.write_bytes(content)
-    made = export(root)
-    (problem,) = made.problems
+    exported = export(root)
+    (problem,) = exported.problems
     assert problem.startswith(f"{first.name}/{table.name}")
     assert DAMAGED[content] in problem
     assert "\n" not in problem
-    assert read(made.path)[f"{first.name}/{table.name}"] == content
+    assert read(exported.path)[f"{first.name}/{table.name}"] == content
 
 
 FRAMES = strings(["a picture", "another"])
@@ -337,9 +337,9 @@ def test_only_reports_of_the_runs_as_they_are_now_are_packed(root: Path) -> None
     for run in (first, second):
         (run / "report.html").write_text("somebody's")
     reports = {first: ({"report.html": b"page"}, []), second: ({}, ["report.html: cannot be made"])}
-    made = export(root, lambda run: reports.get(run, NO_REPORT))
-    assert made.problems == (f"{second.name}/report.html: cannot be made",)
-    packed = {name: data for name, data in read(made.path).items() if "report.html" in name}
+    exported = export(root, lambda run: reports.get(run, NO_REPORT))
+    assert exported.problems == (f"{second.name}/report.html: cannot be made",)
+    packed = {name: data for name, data in read(exported.path).items() if "report.html" in name}
     assert packed == {f"{first.name}/report.html": b"page"}
 
 
@@ -448,12 +448,12 @@ def test_what_is_spoilt_or_not_of_the_run_is_named_and_the_rest_is_packed(
     bag_of(first, 0)
     spoil, problems = SPOILT[case]
     spoil(first)
-    made = export(root)
-    assert [words.startswith(first.name) for words in made.problems] == [True] * len(problems)
-    assert all(why in words for why, words in zip(problems, made.problems, strict=True))
-    packed = read(made.path)
+    exported = export(root)
+    assert [words.startswith(first.name) for words in exported.problems] == [True] * len(problems)
+    assert all(why in words for why, words in zip(problems, exported.problems, strict=True))
+    packed = read(exported.path)
     text, sums = packed["README.txt"].decode(), packed["SHA256SUMS"].decode().splitlines()
-    assert all(terminal_safe(words) in text for words in made.problems)
+    assert all(terminal_safe(words) in text for words in exported.problems)
     assert {f"{other.name}/result.json" for other in others} <= set(packed)
     assert max(map(len, packed)) <= LONGEST_PATH
     assert not [name for name in packed if "link" in name or name.endswith((".part", ".torn"))]
@@ -500,11 +500,11 @@ def test_a_file_that_shrinks_is_named_and_has_no_sum(
         return os.stat_result(values)
 
     monkeypatch.setattr(os, "fstat", larger)
-    made = export(root)
-    assert made.problems == (
+    exported = export(root)
+    assert exported.problems == (
         f"{first.name}/metadata.yaml: its last 10 bytes cannot be read (it became shorter)",
     )
-    assert f"{first.name}/metadata.yaml" not in read(made.path)["SHA256SUMS"].decode()
+    assert f"{first.name}/metadata.yaml" not in read(exported.path)["SHA256SUMS"].decode()
 
 
 def test_a_disk_that_refuses_leaves_no_half_zip(
