@@ -22,6 +22,7 @@ from madrob_console.cli.sharing import (
     in_order,
 )
 from madrob_console.cli.sharing import results as results_of
+from tests.madrob_console.archive.frames import film
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import completed
 
@@ -127,7 +128,7 @@ def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def put(results: Path, *places: str) -> str:
     """Put a run there; returns its name."""
     for place in places:
-        shutil.copytree(completed(), results / place / completed().name)
+        film(Path(shutil.copytree(completed(), results / place / completed().name)), "/camera/a")
     return completed().name
 
 
