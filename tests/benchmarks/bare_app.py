@@ -1,4 +1,7 @@
-"""The least that Textual can do: a clock, ten times a second; `--widgets`: in many widgets."""
+"""The least that Textual can do: a clock, ten times a second, and how many keys came.
+
+With `--widgets` it is in as many widgets as the console has.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ class BareApp(App[None]):
     def __init__(self, widgets: int) -> None:
         super().__init__()
         self._texts = [Static() for _ in range(widgets)]
+        self._keys = 0
 
     def compose(self) -> ComposeResult:
         yield from self._texts
@@ -26,10 +30,15 @@ class BareApp(App[None]):
         self.show()
         self.set_interval(PERIOD, self.show)
 
+    def on_key(self) -> None:
+        self._keys += 1
+        self.show()
+
     def show(self) -> None:
         now = datetime.now().astimezone()
         for number, text in enumerate(self._texts):
-            text.update(f"clock {now:%H:%M:%S}.{now.microsecond // 100_000}  view {number:2}")
+            clock = f"{now:%H:%M:%S}.{now.microsecond // 100_000}"
+            text.update(f"clock {clock}  view {number:2}  key {self._keys - 1}")
 
 
 if __name__ == "__main__":

@@ -15,16 +15,18 @@ MADROB = (sys.executable, "-m", "madrob_console.cli.main")
 ARGPARSE = (sys.executable, "-c", "import argparse, dataclasses, pathlib, typing")
 
 
-def in_turns(programs: Mapping[str, Sequence[str]], repeats: int) -> dict[str, list[float]]:
+def in_turns(
+    programs: Mapping[str, Sequence[str]], repeats: int, warm_up: int = 1
+) -> dict[str, list[float]]:
     """How long each of several programs runs, s."""
     took: dict[str, list[float]] = {name: [] for name in programs}
-    for _ in range(1 + repeats):
+    for _ in range(warm_up + repeats):
         for name, argv in programs.items():
             began = time.perf_counter()
             subprocess.run(argv, cwd=ROOT, capture_output=True, check=True)
             took[name].append(time.perf_counter() - began)
     # the first time files come into memory and are compiled
-    return {name: times[1:] for name, times in took.items()}
+    return {name: times[warm_up:] for name, times in took.items()}
 
 
 def help_text(repeats: int) -> list[Figure]:

@@ -7,33 +7,38 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from tests.benchmarks.commands import MADROB, ROOT
+from tests.benchmarks.engine import RATES, TIMEOUT
+from tests.benchmarks.processes import cpu_time, hall
 from tests.benchmarks.report import Figure
+from tests.madrob_console.engine.drive import make_setup
 from tests.terminal import Terminal
 
 STARTING = 60.0  # s
-SETTLING, SAMPLE = 1.0, 10.0  # s; CPU time counts in steps of 0.01 s
+SETTLING, SAMPLE, READING = 1.0, 3.0, 0.5  # s
 MOST = 3
-"""Repeats of what takes half a minute."""
+"""Repeats of what takes seconds."""
 
 BARE = (sys.executable, "-m", "tests.benchmarks.bare_app")
 WIDGETS = (*BARE, "--widgets")
-OURS = (sys.executable, "-m", "tests.madrob_console.ui.inline_engine", "--running")
 TEXTUAL_S = """
 import runpy, sys
 sys.modules["madrob_console.ui.cells.compositor"] = None
-runpy.run_module("tests.madrob_console.ui.inline_engine", run_name="__main__")
+runpy.run_module("madrob_console.cli.main", run_name="__main__", alter_sys=True)
 """
 """Our screens by Textual's compositor."""
-OTHER_COMPOSITOR = (sys.executable, "-c", TEXTUAL_S, "--running")
 Size = tuple[int, int]
 SMALL, USUAL, LARGE = (80, 24), (120, 36), (160, 50)
-LIVE, CLOCK = b"referee (sensor)", b"clock"
-"""What only the live pane says, and what the bare app says."""
+LIVE, CLOCK, FOOTER = b"referee (sensor)", b"clock", b"F10"
+"""What our live pane, the bare app and each of our screens say."""
+PANES = (("\x1b[11~", b"this page; also"), ("\x1b[12~", b"Opening side"))
+"""Keys of two panes, and what only that pane says; the last is shown first."""
+CONSOLE, PLAIN, STOCK, OTHER = "console", "bare app", "widgets", "Textual's compositor"
 
 
 class Wire(Terminal):
@@ -45,12 +50,18 @@ class Wire(Terminal):
         self.began = time.monotonic()
         super().__init__(argv, *size, env, ROOT)
 
-    def arrival(self, text: bytes) -> float:
-        """How long after the launch `text` is written, s."""
-        while text not in self.output:
+    def arrival(self, text: bytes, since: int = 0) -> float:
+        """How long after the launch `text` is written; not before that byte, s."""
+        while self.output.find(text, since) < 0:
             assert time.monotonic() < self.began + STARTING, bytes(self.output[-500:])
-            self.read_for(0.01)
+            self._read(0.01)
         return time.monotonic() - self.began
+
+    def reply(self, pressed: str, text: bytes) -> float:
+        """How long after a key `text` is written, s."""
+        written, self.began = len(self.output), time.monotonic()
+        self.send(pressed)
+        return self.arrival(text, written)
 
     def read_for(self, seconds: float) -> None:
         end = time.monotonic() + seconds
@@ -58,67 +69,108 @@ class Wire(Terminal):
             self._read(left)
 
 
-def _costs(
-    programs: Sequence[Sequence[str]], repeats: int, size: Size = SMALL
-) -> list[tuple[list[float], ...]]:
-    """Of each program kB/s on the line, and the share of a core, %; they take turns."""
-    costs: list[tuple[list[float], ...]] = [([], []) for _ in programs]
-    for _ in range(min(repeats, MOST)):
-        for argv, (kilobytes, shares) in zip(programs, costs, strict=True):
-            with Wire(argv, size=size) as wire:
-                wire.arrival(LIVE if argv in (OURS, OTHER_COMPOSITOR) else CLOCK)
-                wire.read_for(SETTLING)
-                written, used, began = len(wire.output), _cpu_time(wire.pid), time.monotonic()
-                wire.read_for(SAMPLE)
-                elapsed = time.monotonic() - began
-                kilobytes.append((len(wire.output) - written) / 1000 / elapsed)
-                shares.append(100 * (_cpu_time(wire.pid) - used) / elapsed)
-    return costs
-
-
-def _cpu_time(pid: int) -> float:
-    """Of all threads of a process, user and system, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def lines(repeats: int) -> list[Figure]:
-    """A live run, beside an app of as many widgets of Textual that show moving numbers."""
-    (ours, _), (widgets, _) = _costs((OURS, WIDGETS), repeats)
-    return [Figure("a live run over SSH", "kB/s", ours, "widgets", widgets, 0.15)]
-
-
-def compositor(repeats: int) -> list[Figure]:
-    """A live run by our compositor and by Textual's, in a small terminal and in a large one."""
-    figures = []
-    for size in (SMALL, LARGE):
-        (ours, cpu), (others, other_cpu) = _costs((OURS, OTHER_COMPOSITOR), repeats, size)
-        figures += [
-            Figure(f"changed cells, {size}", "kB/s", ours, "Textual's compositor", others, 0.8),
-            Figure(f"changed cells, {size}", "% core", cpu, "Textual's compositor", other_cpu, 1.0),
-        ]
-    return figures
-
-
 def live(repeats: int) -> list[Figure]:
-    """A live run with the course of door and handle, beside the least that Textual can do."""
+    """Screens of a run, beside apps of Textual; all at once, in terminals of three sizes.
+
+    One app shows the same by Textual's compositor, one many widgets with clocks, one a clock.
+    """
+    programs = {
+        CONSOLE: (MADROB, LIVE),
+        OTHER: ((sys.executable, "-c", TEXTUAL_S), LIVE),
+        STOCK: (WIDGETS, CLOCK),
+        PLAIN: (BARE, CLOCK),
+    }
     figures = []
-    for size in (SMALL, USUAL, LARGE):
-        (_, ours), (_, bare) = _costs((OURS, BARE), repeats, size)
-        figures.append(Figure(f"a live run, {size}", "% core", ours, "bare app", bare, 2.0))
+    with ExitStack() as stack:
+        engine, domain = stack.enter_context(hall(RATES[0]))
+        engine.start(make_setup(timeout=TIMEOUT))
+        watch = ("watch", "--testbed", "ros", f"--results={engine.results}")
+        wires = {}
+        for name, (argv, text) in programs.items():
+            ours = watch if text is LIVE else ()
+            wires[name] = stack.enter_context(
+                Wire((*argv, *ours), {"ROS_DOMAIN_ID": str(domain)}, size=LARGE)
+            )
+            wires[name].arrival(text)
+        for size in (LARGE, USUAL, SMALL):
+            for wire in wires.values():
+                wire.resize(*size)
+            sent, shares = _costs(wires, min(repeats, MOST))
+            figures += [
+                Figure(
+                    f"screen of a run, {size[0]}x{size[1]}",
+                    unit,
+                    values[CONSOLE],
+                    other,
+                    values[other],
+                    goal,
+                )
+                for unit, values, other, goal in (
+                    ("kB/s", sent, STOCK, 0.15),
+                    ("kB/s", sent, OTHER, 0.8),
+                    ("% core", shares, OTHER, 1.0),
+                    ("% core", shares, STOCK, 1.0),
+                    ("% core", shares, PLAIN, 2.0),
+                )
+            ]
     return figures
+
+
+def _costs(
+    wires: Mapping[str, Wire], repeats: int
+) -> tuple[Mapping[str, list[float]], Mapping[str, list[float]]]:
+    """Of each program kB/s on the line, and the share of a core, %, several times."""
+    sent, shares = defaultdict[str, list[float]](list), defaultdict[str, list[float]](list)
+    for sample in range(1 + repeats):
+        written = {name: len(wire.output) for name, wire in wires.items()}
+        used = {name: cpu_time(wire.pid) for name, wire in wires.items()}
+        began, seconds = time.monotonic(), SAMPLE if sample else SETTLING
+        while time.monotonic() < began + seconds:
+            for wire in wires.values():
+                wire.read_for(0.005)
+        for name, wire in wires.items() if sample else ():
+            elapsed = time.monotonic() - began
+            sent[name].append((len(wire.output) - written[name]) / 1000 / elapsed)
+            shares[name].append(100 * (cpu_time(wire.pid) - used[name]) / elapsed)
+    return sent, shares
+
+
+def key(repeats: int) -> list[Figure]:
+    """From a key until its change is drawn, beside apps of Textual; in turns."""
+    took = defaultdict[str, list[float]](list)
+    with _console() as console, Wire(BARE) as bare, Wire(WIDGETS) as widgets:
+        wires = {CONSOLE: console, PLAIN: bare, STOCK: widgets}
+        for name, wire in wires.items():
+            wire.arrival(PANES[-1][1] if name is CONSOLE else CLOCK)
+        for number in range(2 + repeats):
+            pressed, shown = PANES[number % 2]
+            for name, wire in wires.items():
+                wire.read_for(READING)  # what is typed sooner may be left out
+                ours = name is CONSOLE
+                took[name].append(
+                    wire.reply(pressed, shown) if ours else wire.reply("k", b"key %d" % number)
+                )
+    times = {name: [1000 * each for each in values[2:]] for name, values in took.items()}
+    return [
+        Figure("a key until it is drawn", "ms", times[CONSOLE], other, times[other], goal)
+        for other, goal in ((PLAIN, 2.0), (STOCK, 2.0))
+    ]
 
 
 def first_paint(repeats: int) -> list[Figure]:
-    """From the command to the screen with its footer, beside the least that Textual can do."""
-    ours, bare = [], []
+    """From the command to the screen with its footer, beside apps of Textual; in turns."""
+    took = defaultdict[str, list[float]](list)
     for _ in range(1 + repeats):
         with _console() as wire:
-            ours.append(wire.arrival(b"F10"))
-        with Wire(BARE) as wire:
-            bare.append(wire.arrival(CLOCK))
+            took[CONSOLE].append(wire.arrival(FOOTER))
+        for name, argv in ((PLAIN, BARE), (STOCK, WIDGETS)):
+            with Wire(argv) as wire:
+                took[name].append(wire.arrival(CLOCK))
     # the first time files come into memory and are compiled
-    return [Figure("launch to the first paint", "s", ours[1:], "bare app", bare[1:], 1.7)]
+    return [
+        Figure("launch to the first paint", "s", took[CONSOLE][1:], other, took[other][1:], goal)
+        for other, goal in ((PLAIN, 1.7), (STOCK, 1.7))
+    ]
 
 
 @contextmanager
