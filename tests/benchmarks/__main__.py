@@ -54,9 +54,9 @@ CLAIMS: Mapping[str, Sequence[str]] = {
     "mcap_writer": ("0.7 instead of 3.4 us a message",),
     "layouts": ("it halves the time of a rescoring.",),
     "live": (
-        "11 instead of 103 to 311 kB/s over SSH.",
-        "3 instead of 5 kB/s in a run, 8 instead of 15 at 160x50.",
-        "at most twice the CPU of an app that shows a clock",
+        "5 instead of 23 kB/s over SSH.",
+        "5 instead of 7 kB/s in a run, 7 instead of 13 at 160x50.",
+        "2.2 times the CPU of an app that shows a clock",
     ),
     "help": ("`--help` takes 2.2 times what starting argparse takes;",),
     "first_paint": ("the first paint does not wait for them.",),

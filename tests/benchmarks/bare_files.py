@@ -1,8 +1,8 @@
 """The least that handing runs out can do: copy a folder, or zip it.
 
-    python -m tests.benchmarks.bare_files <from> <to>
+    python -m tests.benchmarks.bare_files <from> <to> [<module> ...]
 
-zips where the second path ends in `.zip`.
+zips where the second path ends in `.zip`, after an import of the modules.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import shutil
 import sys
 import zipfile
+from importlib import import_module
 from pathlib import Path
 
 
@@ -24,4 +25,6 @@ def main(source: Path, target: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    for module in sys.argv[3:]:
+        import_module(module)
+    main(*map(Path, sys.argv[1:3]))

@@ -17,9 +17,10 @@ from tests.madrob_console.ros_peer import BOOL, KEPT, Peer
 
 RATES = (300, 3_000)
 """Messages/s on all topics together: those of the testbed, and ten times as many."""
-GOALS = {"idles": {300: 1.0, 3_000: 1.0}, "in a run": {300: 1.0, 3_000: 1.0}}
+GOALS = {"that idles": {300: 1.3, 3_000: 0.8}, "in a run": {300: 1.3, 3_000: 0.8}}
 SAMPLE = 3.0  # s
 TIMEOUT = 600.0  # s
+REQUESTS = 20
 MOST = 3
 """Repeats of what takes seconds."""
 
@@ -46,7 +47,7 @@ def _at_rate(rate: int, repeats: int) -> list[Figure]:
                     shares[state + name].append(share)
     return [
         Figure(
-            f"engine that {state}, {rate}/s" if state == "idles" else f"engine {state}, {rate}/s",
+            f"engine {state}, {rate:,} messages/s",
             "% core",
             shares[state],
             "rclpy and mcap.Writer",
@@ -66,8 +67,9 @@ def abort(repeats: int) -> list[Figure]:
             engine.start(make_setup(run_number=1 + number, timeout=TIMEOUT))
             peer.until(lambda: said and said[-1].data)
             began = time.perf_counter()
-            engine.client.send_request(GiveCurves())
-            asked.append(time.perf_counter() - began)
+            for _ in range(REQUESTS):
+                engine.client.send_request(GiveCurves())
+            asked.append((time.perf_counter() - began) / REQUESTS)
             shown_at = heard_at = 0.0
             began = time.perf_counter()
             engine.client.begin_request(Perform.of(Abort("enough")))
@@ -85,7 +87,7 @@ def abort(repeats: int) -> list[Figure]:
     return [
         Figure(name, "ms", [1000 * each for each in values[1:]], "a request", others, goal)
         for name, values, goal in (
-            ("an abort until a screen has it", shown, 20.0),
-            ("an abort until a robot has it", heard, 20.0),
+            ("an abort until a screen has it", shown, 100.0),
+            ("an abort until a robot has it", heard, 60.0),
         )
     ]

@@ -2,60 +2,95 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import zipfile
 from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from madrob_console.testbeds.simulated import Scenario
 from tests.benchmarks import bare_files
 from tests.benchmarks.commands import MADROB, in_turns
 from tests.benchmarks.report import Figure
-from tests.madrob_console.recorded_runs import copy_run
+from tests.madrob_console.recorded_runs import completed
 
-RUNS = 8
-GOALS = {"publish": 1.0, "export": 1.0, "report": 1.0}
+RUNS = 6
 MOST = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A command that writes `made` into a new folder; {} = that folder.
+
+    The program beside it imports the same large `libraries`.
+    """
+
+    command: str
+    arguments: Sequence[str]
+    made: str
+    beside: str
+    libraries: Sequence[str]
+    goal: float
+
+
+_RUNS = ("--practice", "--results={}/runs")
+OUTPUTS = (
+    Output("publish", (*_RUNS, "{}/site"), "site", "jinja2, copies", ("jinja2", "numpy"), 4.0),
+    Output(
+        "export",
+        (*_RUNS, "--subject=3", "--output={}/runs.zip"),
+        "runs.zip",
+        "pandas, zips",
+        ("jinja2", "pandas"),
+        1.6,
+    ),
+    Output(
+        "report",
+        ("{}/one", "--output={}/page"),
+        "page",
+        "matplotlib, SciPy, copies",
+        ("jinja2", "pandas", "matplotlib.figure", "scipy.signal"),
+        2.0,
+    ),
+)
 
 
 def outputs(repeats: int) -> list[Figure]:
     """The pages of a competition, a team's zip, the report of a run; each made anew."""
-    ours, others = defaultdict[str, list[float]](list), defaultdict[str, list[float]](list)
-    for sample in range(1 + min(repeats, MOST)):
+    took = defaultdict[str, list[float]](list)
+    for _ in range(1 + min(repeats, MOST)):
         with TemporaryDirectory() as folder:
-            for name, (argv, made) in _commands(Path(folder)).items():
-                took = in_turns({name: (*MADROB, *argv)}, 1, warm_up=0)[name]
-                again = made.with_name(f"copy_{made.name}")
-                source = _unpacked(made) if made.suffix == ".zip" else made
-                bare = (sys.executable, "-m", bare_files.__name__, str(source), str(again))
-                if sample:
-                    ours[name] += took
-                    others[name] += in_turns({name: bare}, 1, warm_up=0)[name]
-    beside = {
-        "publish": "copies its files",
-        "export": "zips its files",
-        "report": "copies its file",
-    }
+            for number in range(1, 1 + RUNS):
+                run = completed(number)
+                shutil.copytree(run, Path(folder, "runs", "practice", run.name))
+            shutil.copytree(completed(), Path(folder, "one"))
+            for output in OUTPUTS:
+                argv = [argument.replace("{}", folder) for argument in output.arguments]
+                took[output.command] += _once(*MADROB, output.command, *argv)
+                files, made = Path(folder, "files"), Path(folder, output.made)
+                if made.suffix == ".zip":
+                    with zipfile.ZipFile(made) as file:
+                        file.extractall(files)
+                else:
+                    made.rename(files)
+                copy = Path(folder, f"again_{made.name}")
+                bare = (sys.executable, "-m", bare_files.__name__, str(files), str(copy))
+                took[output.beside] += _once(*bare, *output.libraries)
+                shutil.rmtree(files)
     return [
-        Figure(f"madrob {name}", "s", ours[name], beside[name], others[name], goal)
-        for name, goal in GOALS.items()
+        Figure(
+            f"madrob {each.command}",
+            "s",
+            took[each.command][1:],
+            each.beside,
+            took[each.beside][1:],
+            each.goal,
+        )
+        for each in OUTPUTS
     ]
 
 
-def _commands(folder: Path) -> dict[str, tuple[tuple[str, ...], Path]]:
-    """Arguments of the commands, and what they make."""
-    runs, site, packed, pages = (folder / name for name in ("runs", "site", "runs.zip", "pages"))
-    copies = [copy_run(runs, 1 + number, Scenario.NOMINAL) for number in range(RUNS)]
-    which = ("--practice", f"--results={runs}")
-    return {
-        "publish": (("publish", *which, str(site)), site),
-        "export": (("export", *which, "--subject=3", f"--output={packed}"), packed),
-        "report": (("report", f"--output={pages}", str(copies[0])), pages),
-    }
-
-
-def _unpacked(packed: Path) -> Path:
-    with zipfile.ZipFile(packed) as file:
-        file.extractall(packed.with_suffix(""))
-    return packed.with_suffix("")
+def _once(*argv: str) -> list[float]:
+    return in_turns({"": argv}, 1, warm_up=0)[""]

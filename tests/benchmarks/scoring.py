@@ -20,7 +20,7 @@ from tests.benchmarks.report import Figure
 from tests.madrob_console.recorded_runs import completed, copy_run
 
 RUNS = 24
-CORES = {1: 1.0, 2: 1.0}
+CORES = {1: 3.5, 2: 3.5}
 """Processes at once, and the goal."""
 MOST = 3
 _PUBLISHED = ("*_event.csv", "*_wrench.csv", "*_jointState.csv", "condition_*.yaml")

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import pytest
 
+from tests.benchmarks import archive, bare_files, bare_filter, recording, report, scoring
 from tests.benchmarks.__main__ import BENCHMARKS, CLAIMS, main
 from tests.benchmarks.report import Figure
+from tests.madrob_console.recorded_runs import completed
 
 PAPER = Path(__file__).parents[2] / "madrob_console" / "ARCHITECTURE.md"
 
@@ -37,8 +40,9 @@ def broken(_repeats: int) -> list[Figure]:
 
 
 def test_the_table_says_what_was_measured_beside_it_and_nothing_bad_is_hidden(
-    capsys: pytest.CaptureFixture[str],
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(report, "ADDITIONS", 1)
     benchmarks = {"broken": broken, "bad": bad, "good": good}
     assert main(["good", "--repeats", "3"], benchmarks) == 0
     assert main(["--repeats", "3"], benchmarks) == 1
@@ -58,3 +62,25 @@ def test_the_table_says_what_was_measured_beside_it_and_nothing_bad_is_hidden(
         "arrived": "met",
     }
     assert "AssertionError: the program has ended" in cells[4]
+
+
+def test_what_needs_no_other_process_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(archive, "SIZES", (3,))
+    monkeypatch.setattr(recording, "MESSAGES", 100)
+    parts = (archive.bag, archive.lists, recording.mcap_writer, scoring.layouts)
+    figures = [figure for part in parts for figure in part(1)]
+    counts = [(len(figure.values), len(figure.others)) for figure in figures]
+    assert counts == [(1, 1)] * len(parts)
+
+
+def test_the_programs_beside_it_put_the_same_bytes_there(tmp_path: Path) -> None:
+    run, packed = tmp_path / "run", tmp_path / "run.zip"
+    bare_files.main(completed(), run)
+    bare_files.main(run, packed)
+    names = sorted(path.name for path in completed().iterdir())
+    assert sorted(path.name for path in run.iterdir()) == names
+    with zipfile.ZipFile(packed) as file:
+        assert sorted(file.namelist()) == names
+    bare_filter.main(run)
+    rows = len(next(run.glob("*_jointState.csv")).read_text().splitlines())
+    assert len((run / "bare.csv").read_text().splitlines()) == rows - 1
