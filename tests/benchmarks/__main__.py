@@ -12,7 +12,7 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from tests.benchmarks.archive import bag, lists
 from tests.benchmarks.commands import help_text
@@ -27,7 +27,7 @@ from tests.benchmarks.screens import first_paint, key, live
 
 REPEATS = 5
 
-Benchmark = Callable[[int], list[Figure]]
+Benchmark = Callable[[int], Iterable[Figure]]
 
 BENCHMARKS: Mapping[str, Benchmark] = {
     "first_paint": first_paint,

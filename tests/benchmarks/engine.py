@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 
 from madrob_console.engine.requests import GiveCurves, Perform
 from madrob_console.messages.codec import REFEREE_RUNNING_TOPIC
@@ -25,9 +26,10 @@ MOST = 3
 """Repeats of what takes seconds."""
 
 
-def engine_cpu(repeats: int) -> list[Figure]:
+def engine_cpu(repeats: int) -> Iterator[Figure]:
     """An engine with its children, beside a recorder of the same messages; both at once."""
-    return [figure for rate in RATES for figure in _at_rate(rate, min(repeats, MOST))]
+    for rate in RATES:
+        yield from _at_rate(rate, min(repeats, MOST))
 
 
 def _at_rate(rate: int, repeats: int) -> list[Figure]:
@@ -60,7 +62,7 @@ def _at_rate(rate: int, repeats: int) -> list[Figure]:
 
 def abort(repeats: int) -> list[Figure]:
     """From the request until screen and robot have it, beside a request that does nothing."""
-    asked, shown, heard = [], [], []
+    requests, on_screen, at_robot = [], [], []
     with hall(RATES[0]) as (engine, domain), Peer(domain) as peer:
         said = peer.listen(REFEREE_RUNNING_TOPIC, BOOL, KEPT)
         for number in range(1 + min(repeats, MOST)):
@@ -69,7 +71,7 @@ def abort(repeats: int) -> list[Figure]:
             began = time.perf_counter()
             for _ in range(REQUESTS):
                 engine.client.send_request(GiveCurves())
-            asked.append((time.perf_counter() - began) / REQUESTS)
+            requests.append((time.perf_counter() - began) / REQUESTS)
             shown_at = heard_at = 0.0
             began = time.perf_counter()
             engine.client.begin_request(Perform.of(Abort("enough")))
@@ -80,14 +82,14 @@ def abort(repeats: int) -> list[Figure]:
                     shown_at = now
                 if not heard_at and not said[-1].data:
                     heard_at = now
-            shown.append(shown_at)
-            heard.append(heard_at)
+            on_screen.append(shown_at)
+            at_robot.append(heard_at)
             engine.result()
-    others = [1000 * each for each in asked[1:]]
+    others = [1000 * each for each in requests[1:]]
     return [
         Figure(name, "ms", [1000 * each for each in values[1:]], "a request", others, goal)
         for name, values, goal in (
-            ("an abort until a screen has it", shown, 100.0),
-            ("an abort until a robot has it", heard, 60.0),
+            ("an abort until a screen has it", on_screen, 100.0),
+            ("an abort until a robot has it", at_robot, 60.0),
         )
     ]

@@ -22,14 +22,14 @@ MOST = 3
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A command that writes `made` into a new folder; {} = that folder.
+    """A command that writes `target` into a new folder; {} = that folder.
 
     The program beside it imports the same large `libraries`.
     """
 
     command: str
     arguments: Sequence[str]
-    made: str
+    target: str
     beside: str
     libraries: Sequence[str]
     goal: float
@@ -48,7 +48,7 @@ OUTPUTS = (
     ),
     Output(
         "report",
-        ("{}/one", "--output={}/page"),
+        ("{}/a_run", "--output={}/page"),
         "page",
         "matplotlib, SciPy, copies",
         ("jinja2", "pandas", "matplotlib.figure", "scipy.signal"),
@@ -65,17 +65,17 @@ def outputs(repeats: int) -> list[Figure]:
             for number in range(1, 1 + RUNS):
                 run = completed(number)
                 shutil.copytree(run, Path(folder, "runs", "practice", run.name))
-            shutil.copytree(completed(), Path(folder, "one"))
+            shutil.copytree(completed(), Path(folder, "a_run"))
             for output in OUTPUTS:
                 argv = [argument.replace("{}", folder) for argument in output.arguments]
                 took[output.command] += _once(*MADROB, output.command, *argv)
-                files, made = Path(folder, "files"), Path(folder, output.made)
-                if made.suffix == ".zip":
-                    with zipfile.ZipFile(made) as file:
+                files, target = Path(folder, "files"), Path(folder, output.target)
+                if target.suffix == ".zip":
+                    with zipfile.ZipFile(target) as file:
                         file.extractall(files)
                 else:
-                    made.rename(files)
-                copy = Path(folder, f"again_{made.name}")
+                    target.rename(files)
+                copy = Path(folder, f"again_{target.name}")
                 bare = (sys.executable, "-m", bare_files.__name__, str(files), str(copy))
                 took[output.beside] += _once(*bare, *output.libraries)
                 shutil.rmtree(files)

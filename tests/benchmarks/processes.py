@@ -41,17 +41,17 @@ def resident(pid: int) -> float:
 def family(pid: int) -> list[int]:
     """A process and all that it and its children have started."""
     lists = [path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/children")]
-    return [pid, *(one for child in " ".join(lists).split() for one in family(int(child)))]
+    return [pid, *(each for child in " ".join(lists).split() for each in family(int(child)))]
 
 
 def cores_used(pids: Mapping[str, int], seconds: float) -> dict[str, float]:
     """Of each process and its family the share of a core in the next seconds, %."""
     began = time.monotonic()
-    before = {name: {one: cpu_time(one) for one in family(pid)} for name, pid in pids.items()}
+    before = {name: {each: cpu_time(each) for each in family(pid)} for name, pid in pids.items()}
     time.sleep(seconds)
     elapsed = time.monotonic() - began
     return {
-        name: 100 / elapsed * sum(cpu_time(one) - before[name][one] for one in family(pid))
+        name: 100 / elapsed * sum(cpu_time(each) - before[name][each] for each in family(pid))
         for name, pid in pids.items()
     }
 

@@ -11,10 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from statistics import median
+from textwrap import shorten
 
 _WIDTHS = {"figure": 40, "unit": 8, "ours": 8, "beside it": 32, "ratio": 7, "goal": 9, "": 7}
 """Of the columns: a row is told before the next one is known."""
 ADDITIONS = 10_000_000
+LONGEST_PROBLEM = 120  # characters
 _RIGHT = ("ours", "ratio", "goal")
 
 
@@ -82,7 +84,7 @@ def head() -> str:
 def row(figure: Figure) -> str:
     """The line of a figure; what could not be measured says why."""
     if figure.ratio is None:
-        why = figure.problem or "without values"
+        why = shorten(figure.problem or "without values", LONGEST_PROBLEM)
         return _line([figure.name, figure.unit, "-", why, "-", "", figure.verdict])
     return _line(
         [

@@ -30,12 +30,12 @@ def layouts(repeats: int) -> list[Figure]:
     """The same run, its messages read by their layout and decoded by the library."""
     load_filters()
     score_recording(completed())  # once before: files are in memory
-    known, unknown = [], []
+    by_layout, by_library = [], []
     for _ in range(repeats):
-        known.append(_scored())
+        by_layout.append(_scored())
         with _library_alone():
-            unknown.append(_scored())
-    return [Figure("a run of 17 s scored", "s", known, "decoded by rosbags", unknown, 0.6)]
+            by_library.append(_scored())
+    return [Figure("a run of 17 s scored", "s", by_layout, "decoded by rosbags", by_library, 0.6)]
 
 
 def _scored() -> float:

@@ -72,7 +72,7 @@ class Wire(Terminal):
 def live(repeats: int) -> list[Figure]:
     """Screens of a run, beside apps of Textual; all at once, in terminals of three sizes.
 
-    One app shows the same by Textual's compositor, one many widgets with clocks, one a clock.
+    The apps: the same screens by Textual's compositor, many widgets with clocks, a clock.
     """
     programs = {
         CONSOLE: (MADROB, LIVE),
