@@ -364,11 +364,12 @@ class Plain:
         return any(state for sensor, state in self._state.items() if sensor.side is side)
 
     def _last_fall(self, until: float) -> tuple[float, Side] | None:
-        newest = None
-        for fall in self._falls:
-            if fall[0] <= until and (newest is None or fall[0] >= newest[0]):
-                newest = fall
-        return newest
+        """At one instant a fall on the destination side counts, whichever came first."""
+        return max(
+            (fall for fall in self._falls if fall[0] <= until),
+            key=lambda fall: (fall[0], fall[1] is self._condition.destination_side),
+            default=None,
+        )
 
     def _up(self, side: Side, at: float) -> bool:
         up = False
