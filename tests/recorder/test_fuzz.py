@@ -28,11 +28,12 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC, CompressionType
 
-from recorder.bag import BagInformation
+from recorder.bag import BagInformation, RawMessage
 from recorder.errors import RecorderError
-from recorder.reader import Bag
+from recorder.mcap_reader import DamageError
+from recorder.reader import Bag, Seeker
 from recorder.recovery import Recovered, recover
-from tests.recorder.samples import BEST_EFFORT, by_library, encoded, strings, talk
+from tests.recorder.samples import BEST_EFFORT, START_NS, by_library, encoded, strings, talk
 
 EXAMPLES = 40
 LONGEST = 20.0
@@ -143,6 +144,7 @@ def check(place: Path, content: bytes, metadata: str | None) -> None:
         (folder / "metadata.yaml").write_text(started if metadata == "stale" else metadata)
     began = time.monotonic()
     before = messages(folder)
+    look_up(folder / "bag_0.mcap", before or [], only_cut=whole_start(content))
     recovered = repaired(folder)
     if recovered is not None:
         after = messages(folder)
@@ -162,14 +164,31 @@ def check(place: Path, content: bytes, metadata: str | None) -> None:
     assert (place / "outside.mcap").read_bytes() == b"precious"
 
 
-def messages(folder: Path) -> list[object] | None:
+def whole_start(content: bytes) -> bool:
+    return any(whole.startswith(content) for whole in whole_files()[:1])
+
+
+def look_up(path: Path, read: list[RawMessage], *, only_cut: bool) -> None:
+    """A message that is read of a file that was only cut is also found by its time."""
+    try:
+        seeker = Seeker(path)
+    except DamageError:
+        return
+    instants = [(message.topic, message.receive_ns) for message in read]
+    for name, at_ns in [*instants, *(("/talk", at_ns) for at_ns in (0, START_NS, 2**64))]:
+        nearest = seeker.nearest(name, at_ns, 2**64)
+        assert not only_cut or (name, at_ns) not in instants or nearest in read
+    assert seeker.problem is None or seeker.problem.isprintable()
+
+
+def messages(folder: Path) -> list[RawMessage] | None:
     try:
         bag = Bag(folder)
     except RecorderError as error:
         told: str | None = str(error)
         found = None
     else:
-        found = list[object](bag.messages())
+        found = list(bag.messages())
         told = bag.problem
     assert told is None or told.isprintable()
     return found

@@ -1,4 +1,4 @@
-"""Bags of others, torn bags and no bags at all."""
+"""Bags of any writer, torn bags and no bags at all."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ import random
 import shutil
 import time
 import tracemalloc
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
 import lz4.frame  # type: ignore[import-untyped]
@@ -28,13 +32,16 @@ from mcap.records import (
     Schema,
     Statistics,
 )
+from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
+from msgspec.structs import replace
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from recorder import reader
 from recorder.bag import (
+    BAG_INFORMATION,
     BagInformation,
     Durability,
     Qos,
@@ -44,7 +51,7 @@ from recorder.bag import (
     qos_text,
 )
 from recorder.errors import RecorderError
-from recorder.mcap_reader import ChunkContent, DamageError, read_chunk
+from recorder.mcap_reader import ChunkContent, read_chunk
 from recorder.reader import Bag, Seeker
 from recorder.writer import BagWriter
 from tests.recorder.samples import (
@@ -58,10 +65,12 @@ from tests.recorder.samples import (
     mixed,
     strings,
     talk,
+    topic,
     typestore,
 )
 
 MESSAGES = strings([f"number {number}" for number in range(60)])
+at = attrgetter("receive_ns")
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +94,160 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def opened(place: Path, content: bytes) -> Bag:
     place.write_bytes(content)
     return Bag(place)
+
+
+TOPICS = [topic("/a", "std_msgs/msg/String"), topic("/b", "std_msgs/msg/Bool", LATCHED), talk()]
+TIMES = st.one_of(st.integers(START_NS, START_NS + 20), st.integers(0, 2**62))
+ANY_MESSAGE = st.builds(
+    lambda topic, data, receive_ns, publish_ns: RawMessage(
+        topic.name, topic.type, data, publish_ns, receive_ns
+    ),
+    st.sampled_from(TOPICS[:2]),
+    st.binary(max_size=40),
+    TIMES,
+    TIMES,
+)
+
+
+def of_recorder(folder: Path, messages: Sequence[RawMessage]) -> None:
+    with BagWriter(folder, TOPICS, {}) as writer:
+        for number, message in enumerate(messages):
+            assert writer.put_message(message)
+            if number % 7 == 6:
+                writer.add_record(f"note {number}", {"ends": "a chunk"})
+
+
+def of_rosbags(
+    folder: Path, messages: Sequence[RawMessage], mode: CompressionMode = CompressionMode.NONE
+) -> None:
+    writer = RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connections = {
+            topic.name: writer.add_connection(topic.name, topic.type, typestore=typestore())
+            for topic in TOPICS
+        }
+        for message in messages:
+            writer.write(connections[message.topic], message.receive_ns, message.data)
+
+
+def of_library(**options: Any) -> Callable[[Path, Sequence[RawMessage]], None]:  # noqa: ANN401
+    def write(folder: Path, messages: Sequence[RawMessage]) -> None:
+        folder.mkdir()
+        (folder / "a_0.mcap").write_bytes(by_library(messages, TOPICS, **options))
+
+    return write
+
+
+WRITERS: dict[str, Callable[[Path, Sequence[RawMessage]], None]] = {
+    "recorder": of_recorder,
+    "rosbags": of_rosbags,
+    "rosbags, packed": lambda folder, messages: of_rosbags(
+        folder, messages, CompressionMode.STORAGE
+    ),
+    "each message a chunk": of_library(chunk_size=1),
+    "small chunks": of_library(chunk_size=100),
+    "lz4": of_library(chunk_size=100, compression=CompressionType.LZ4),
+    "without checksums": of_library(
+        chunk_size=100, compression=CompressionType.NONE, enable_crcs=False
+    ),
+    "without chunks": of_library(use_chunking=False),
+    "without statistics": of_library(chunk_size=100, use_statistics=False),
+    "nothing repeated": of_library(repeat_channels=False, repeat_schemas=False),
+    "without indexes": of_library(chunk_size=100, index_types=IndexType.NONE),
+    "indexes of chunks": of_library(chunk_size=100, index_types=IndexType.CHUNK),
+    "checksum of the data": of_library(enable_data_crcs=True),
+}
+
+
+def chunk_starts(file: Path) -> list[int]:
+    """First log times of the chunks of a file, of its first message without any; by mcap."""
+    with file.open("rb") as stream:
+        records = list(StreamReader(stream, emit_chunks=True).records)
+    chunks = [r.message_start_time for r in records if isinstance(r, Chunk) and r.message_end_time]
+    return chunks or [r.log_time for r in records if isinstance(r, Message)][:1]
+
+
+def placed(
+    folder: Path,
+    writer: str,
+    files: Sequence[Sequence[RawMessage]],
+    order: random.Random | None = None,
+) -> list[tuple[Path, Sequence[RawMessage]]]:
+    """A bag of files by a writer, and what each holds, as `metadata.yaml` lists them."""
+    folder.mkdir()
+    listed: list[tuple[Path, Sequence[RawMessage]]] = []
+    for number, messages in enumerate(files):
+        WRITERS[writer](folder / "part", messages)
+        (part,) = (folder / "part").glob("*.mcap")
+        listed.append((part.rename(folder / f"bag_{number}.mcap"), messages))
+        shutil.rmtree(folder / "part")
+    if order is not None:
+        order.shuffle(listed)
+    names = [f"bag/{part.name}" for part, _ in listed]  # early versions put the folder before it
+    information = {"storage_identifier": "mcap", "relative_file_paths": names}
+    (folder / "metadata.yaml").write_text(yaml.safe_dump({BAG_INFORMATION: information}))
+    return listed
+
+
+def check_nearest(
+    part: Path, messages: Sequence[RawMessage], instants: Sequence[tuple[int, int]]
+) -> None:
+    """Single messages are those nearest to an instant, by looking at all of them."""
+    seeker = Seeker(part)
+    assert {entry.name for entry in seeker.topics} >= {message.topic for message in messages}
+    for at_ns, within_ns in [*instants, *((m.receive_ns, 0) for m in messages)]:
+        for name in ("/a", "/b", "/talk"):
+            nearest = seeker.nearest(name, at_ns, within_ns)
+            distances = [abs(m.receive_ns - at_ns) for m in messages if m.topic == name]
+            distance = min(distances, default=2**63)
+            assert (nearest is None) is (distance > within_ns)
+            if nearest is not None:
+                assert replace(nearest, sequence=0) in messages
+                assert abs(nearest.receive_ns - at_ns) == distance
+    assert seeker.problem is None
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    writer=st.sampled_from(sorted(WRITERS)),
+    files=st.lists(st.lists(ANY_MESSAGE, max_size=15), min_size=1, max_size=3),
+    in_order=st.booleans(),
+    order=st.randoms(use_true_random=False),
+    instants=st.lists(st.tuples(TIMES, st.integers(0, 2**62)), max_size=5),
+)
+def test_a_recording_is_read_in_the_order_of_its_times(
+    writer: str,
+    files: list[list[RawMessage]],
+    in_order: bool,
+    order: random.Random,
+    instants: list[tuple[int, int]],
+) -> None:
+    """Whoever wrote it, in however many files, listed in any order."""
+    if in_order:
+        run = sorted((message for part in files for message in part), key=at)
+        ends = sorted(order.choices(range(len(run) + 1), k=len(files) - 1))
+        files = [run[begin:end] for begin, end in pairwise([0, *ends, len(run)])]
+    if writer == "without chunks" and len(files) > 1:
+        files = [sorted(part, key=at) for part in files]
+    if writer.startswith("rosbags"):
+        files = [[replace(m, publish_ns=m.receive_ns) for m in part] for part in files]
+    with TemporaryDirectory() as parent:
+        folder = Path(parent) / "bag"
+        listed = placed(folder, writer, files, order)
+        for part, messages in listed if writer != "without chunks" else ():
+            check_nearest(part, messages, instants)
+        listed.sort(key=lambda file: min(chunk_starts(file[0]), default=0))
+        expected = [message for _, messages in listed for message in messages]
+        starts = [start for part, _ in listed for start in chunk_starts(part)]
+        if starts != sorted(starts):
+            expected.sort(key=at)
+        bag = Bag(folder)
+        assert [replace(message, sequence=0) for message in bag.messages()] == expected
+        assert bag.problem is None
+        described = {(t.name, t.type, t.definition) for t in bag.topics()}
+        expected_topics = {(t.name, t.type, t.definition) for t in TOPICS}
+        assert described == expected_topics or (not expected and not described)
 
 
 def test_a_torn_file_yields_every_whole_chunk_and_record_before_the_tear(
@@ -149,57 +312,13 @@ def test_a_message_without_a_channel_ends_the_reading(place: Path, finished: byt
     assert not bag.complete
 
 
-def by_rosbags(folder: Path, messages: list[RawMessage], mode: CompressionMode) -> None:
-    writer = RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-    writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        connections = {
-            topic.name: writer.add_connection(topic.name, topic.type, typestore=typestore())
-            for topic in door_topics()
-        }
-        for message in messages:
-            writer.write(connections[message.topic], message.receive_ns, message.data)
-
-
-@pytest.mark.parametrize("mode", [CompressionMode.NONE, CompressionMode.STORAGE])
-def test_bags_of_rosbags_are_read(tmp_path: Path, mode: CompressionMode) -> None:
-    messages = door_messages(rounds=20)
-    by_rosbags(tmp_path / "bag", messages, mode)
-    bag = Bag(tmp_path / "bag")
-    assert [(m.topic, m.data, m.receive_ns) for m in bag.messages()] == [
-        (m.topic, m.data, m.receive_ns) for m in messages
-    ]
-    assert [topic.definition for topic in bag.topics()] == [t.definition for t in door_topics()]
-    assert bag.complete
-
-
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
 def test_bags_compressed_by_rosbag2_itself_are_refused(
     tmp_path: Path, mode: CompressionMode
 ) -> None:
-    by_rosbags(tmp_path / "bag", door_messages(rounds=1), mode)
+    of_rosbags(tmp_path / "bag", [], mode)
     with pytest.raises(RecorderError, match=r"is compressed by .*; unpack it by `ros2"):
         Bag(tmp_path / "bag")
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"compression": CompressionType.LZ4},
-        {"compression": CompressionType.NONE, "enable_crcs": False},
-        {"chunk_size": 100},
-        {"use_chunking": False},
-        {"use_statistics": False},
-        {"repeat_channels": False, "repeat_schemas": False},
-        {"index_types": IndexType.NONE},
-        {"enable_data_crcs": True},
-    ],
-)
-def test_every_kind_of_mcap_file_is_read(tmp_path: Path, options: dict[str, Any]) -> None:
-    bag = opened(tmp_path / "any.mcap", by_library(MESSAGES, **options))
-    assert list(bag.messages()) == MESSAGES
-    assert [(topic.name, topic.type) for topic in bag.topics()] == [("/talk", talk().type)]
-    assert bag.complete
 
 
 def test_a_message_behind_the_chunks_is_a_message(tmp_path: Path) -> None:
@@ -210,30 +329,6 @@ def test_a_message_behind_the_chunks_is_a_message(tmp_path: Path) -> None:
         (m.data, m.log_time, m.publish_time, m.sequence) for _, _, m in library
     ]
     assert len(library) == len(MESSAGES)
-    assert bag.complete
-
-
-def in_disorder(order: str) -> list[RawMessage]:
-    """`MESSAGES` as other tools store them."""
-    size = 1 if order == "shuffled" else 7
-    blocks = [MESSAGES[start : start + size] for start in range(0, len(MESSAGES), size)]
-    if order == "blocks reversed":
-        blocks.reverse()
-    else:
-        random.Random(1).shuffle(blocks)
-    return [message for block in blocks for message in block]
-
-
-@pytest.mark.parametrize("order", ["blocks reversed", "blocks shuffled", "shuffled"])
-@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
-def test_a_recording_is_read_in_the_order_of_its_times(
-    tmp_path: Path, order: str, index: IndexType
-) -> None:
-    stored = in_disorder(order)
-    content = by_library(stored, chunk_size=300, index_types=index)
-    bag = opened(tmp_path / "any.mcap", content)
-    assert stored != MESSAGES
-    assert list(bag.messages()) == MESSAGES
     assert bag.complete
 
 
@@ -249,16 +344,9 @@ def test_what_lies_outside_of_chunks_in_disorder_is_read_at_its_time(tmp_path: P
     assert bag.complete
 
 
-def test_a_bag_whose_chunks_are_in_order_is_read_as_it_is_stored(tmp_path: Path) -> None:
-    stored = door_messages(rounds=50)
-    bag = opened(tmp_path / "a.mcap", by_library(stored, door_topics(), chunk_size=20_000))
-    assert [message.receive_ns for message in bag.messages()] == [m.receive_ns for m in stored]
-    assert stored != sorted(stored, key=lambda message: message.receive_ns)
-
-
 def test_damage_in_a_bag_out_of_order_costs_one_chunk_and_is_told(tmp_path: Path) -> None:
     content = bytearray(
-        by_library(in_disorder("blocks reversed"), chunk_size=300, compression=CompressionType.NONE)
+        by_library(MESSAGES[::-1], chunk_size=300, compression=CompressionType.NONE)
     )
     content[content.index(b"number 30")] ^= 1
     bag = opened(tmp_path / "any.mcap", bytes(content))
@@ -266,22 +354,6 @@ def test_damage_in_a_bag_out_of_order_costs_one_chunk_and_is_told(tmp_path: Path
     assert messages == [message for message in MESSAGES if message in messages]
     assert len(MESSAGES) - 10 < len(messages) < len(MESSAGES)
     assert "a chunk has a wrong checksum" in (bag.problem or "")
-
-
-def split_bag(folder: Path, parts: int, *, as_ls: bool = False) -> None:
-    """A bag in files of five messages, listed as rosbag2 lists them, or as `ls` does."""
-    folder.mkdir()
-    names = [f"bag_{number}.mcap" for number in range(parts)]
-    for number, name in enumerate(names):
-        with BagWriter(folder / "part", [talk()], {}) as writer:
-            for message in MESSAGES[number * 5 : number * 5 + 5]:
-                writer.put_message(message)
-        (folder / "part" / "part_0.mcap").rename(folder / name)
-        shutil.rmtree(folder / "part")
-    paths = "".join(f"  - bag/{name}\n" for name in (sorted(names) if as_ls else names))
-    (folder / "metadata.yaml").write_text(
-        "rosbag2_bagfile_information:\n  storage_identifier: mcap\n  relative_file_paths:\n" + paths
-    )
 
 
 @pytest.mark.parametrize(
@@ -298,7 +370,8 @@ def split_bag(folder: Path, parts: int, *, as_ls: bool = False) -> None:
 def test_a_split_bag_is_read_up_to_its_first_bad_file(
     tmp_path: Path, name: str, content: bytes | str | None, count: int, problem: str | None
 ) -> None:
-    split_bag(tmp_path / "bag", parts=12)
+    parts = [MESSAGES[start : start + 5] for start in range(0, 60, 5)]
+    placed(tmp_path / "bag", "recorder", parts)
     changed = tmp_path / "bag" / name
     if content is None:
         changed.unlink()
@@ -308,17 +381,6 @@ def test_a_split_bag_is_read_up_to_its_first_bad_file(
     assert list(bag.messages()) == MESSAGES[:count]
     assert bag.complete is (problem is None)
     assert (problem or "") in (bag.problem or "")
-
-
-@pytest.mark.parametrize("chunked", [True, False])
-def test_split_files_are_read_in_the_order_of_their_times(tmp_path: Path, *, chunked: bool) -> None:
-    split_bag(tmp_path / "bag", parts=12, as_ls=True)
-    for number in range(12):
-        part = by_library(MESSAGES[number * 5 : number * 5 + 5], use_chunking=chunked)
-        (tmp_path / "bag" / f"bag_{number}.mcap").write_bytes(part)
-    bag = Bag(tmp_path / "bag")
-    assert list(bag.messages()) == MESSAGES
-    assert bag.complete
 
 
 def test_qos_and_type_hash_of_other_recordings_are_kept(tmp_path: Path) -> None:
@@ -334,34 +396,6 @@ def test_qos_and_type_hash_of_other_recordings_are_kept(tmp_path: Path) -> None:
     assert topic.qos == Qos(Reliability.BEST_EFFORT, Durability.TRANSIENT_LOCAL)
     assert topic.type_hash == "RIHS01_ab"
     assert topic.definition == ""  # it is given in another language
-
-
-ROUNDS = 40
-
-
-ALL_TOPICS = (*door_topics(), talk())
-
-
-@pytest.mark.parametrize("compression", list(CompressionType))
-@pytest.mark.parametrize("indexes", [IndexType.ALL, IndexType.CHUNK, IndexType.NONE])
-def test_the_nearest_message_is_found_whoever_wrote_the_file(
-    tmp_path: Path, compression: CompressionType, indexes: IndexType
-) -> None:
-    messages = door_messages(ROUNDS)
-    (tmp_path / "a.mcap").write_bytes(
-        by_library(
-            messages, ALL_TOPICS, chunk_size=2000, compression=compression, index_types=indexes
-        )
-    )
-    seeker = Seeker(tmp_path / "a.mcap")
-    assert {topic.name for topic in seeker.topics} >= {m.topic for m in messages}
-    for message in messages:
-        for at_ns in (message.receive_ns, message.receive_ns + 9_000_000):
-            found = seeker.nearest(message.topic, at_ns, 10_000_000)
-            assert found == message
-    last = messages[-1]
-    assert seeker.nearest(last.topic, last.receive_ns + 11_000_000, 10_000_000) is None
-    assert seeker.nearest("/talk", last.receive_ns, 2**62) is None
 
 
 def _with_chunks(path: Path, chunks: list[Chunk]) -> None:
@@ -428,43 +462,6 @@ def test_to_find_one_message_a_small_part_of_the_file_is_read(place: Path) -> No
     before = read()
     assert Seeker(place).nearest("/talk", messages[250].receive_ns, 0) == messages[250]
     assert read() - before < place.stat().st_size / 20
-
-
-@pytest.fixture(scope="module", params=[IndexType.ALL, IndexType.NONE])
-def indexed(request: pytest.FixtureRequest) -> bytes:
-    return by_library(door_messages(ROUNDS), ALL_TOPICS, chunk_size=2000, index_types=request.param)
-
-
-@given(cut=st.floats(0, 1))
-@settings(max_examples=30)
-def test_in_a_torn_file_everything_that_is_read_is_found(
-    indexed: bytes, place: Path, cut: float
-) -> None:
-    try:
-        there = list(opened(place, indexed[: int(cut * len(indexed))]).messages())
-        seeker = Seeker(place)
-    except (DamageError, RecorderError):
-        there = []
-    for message in there:
-        assert seeker.nearest(message.topic, message.receive_ns, 0) == message
-
-
-@given(at=st.floats(0, 1), value=st.binary(min_size=1, max_size=9))
-@settings(max_examples=75)
-def test_a_damaged_file_never_ends_in_another_error(
-    indexed: bytes, place: Path, at: float, value: bytes
-) -> None:
-    data = bytearray(indexed)
-    begin = int(at * (len(data) - 1))
-    data[begin : begin + len(value)] = value
-    place.write_bytes(data)
-    try:
-        seeker = Seeker(place)
-    except DamageError:
-        return
-    for topic in seeker.topics:
-        for at_ns in (0, START_NS, 2**64):
-            seeker.nearest(topic.name, at_ns, 2**64)
 
 
 NEVER = {"sec": 9223372036, "nsec": 854775807}
