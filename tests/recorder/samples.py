@@ -126,6 +126,15 @@ def encoded(*records: McapRecord) -> bytes:
     return content
 
 
+def record_starts(content: bytes) -> list[int]:
+    starts = []
+    place = len(MCAP0_MAGIC)
+    while place + 9 < len(content):
+        starts.append(place)
+        place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
+    return starts
+
+
 def mixed(messages: list[RawMessage]) -> bytes:
     """A file whose first half lies in a chunk and the rest behind it, without a summary."""
     kind = talk()

@@ -33,7 +33,15 @@ from recorder.errors import RecorderError
 from recorder.mcap_reader import DamageError
 from recorder.reader import Bag, Seeker
 from recorder.recovery import Recovered, recover
-from tests.recorder.samples import BEST_EFFORT, START_NS, by_library, encoded, strings, talk
+from tests.recorder.samples import (
+    BEST_EFFORT,
+    START_NS,
+    by_library,
+    encoded,
+    record_starts,
+    strings,
+    talk,
+)
 
 EXAMPLES = 40
 LONGEST = 20.0
@@ -92,15 +100,6 @@ def whole_files() -> tuple[bytes, ...]:
 
 def recording(**options: object) -> bytes:
     return by_library(MESSAGES, [replace(talk(), qos=BEST_EFFORT)], chunk_size=800, **options)
-
-
-def record_starts(content: bytes) -> list[int]:
-    starts = []
-    place = len(MCAP0_MAGIC)
-    while place + 9 < len(content):
-        starts.append(place)
-        place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
-    return starts
 
 
 def changed(content: bytes, changes: Sequence[tuple[str, float, object]]) -> bytes:
@@ -306,6 +305,7 @@ SCHEMAS = [Schema(number, b"x" * 2**20, "ros2msg", "a/msg/B") for number in rang
 CHANNELS = [Channel(n, f"/talk{n}", "cdr", {}, 1) for n in range(1, 1100)]
 QOS = [{"offered_qos_profiles": f"# {n}" + "x" * 30_000} for n in range(1, 12)]
 TOPICS = [Channel(n, f"/t{n}", "cdr", told, 1) for n, told in enumerate(QOS, 1)]
+NOTES = [Channel(n, f"/t{n}", "cdr", {"note": "x" * 2**20}, 1) for n in range(17)]
 TOO_MUCH = "its types and records have more than 16777216 bytes"
 METADATA_OF_1_MB = [Metadata(f"m{number}", {"a": "x" * 2**20}) for number in range(17)]
 
@@ -320,8 +320,9 @@ METADATA_OF_1_MB = [Metadata(f"m{number}", {"a": "x" * 2**20}) for number in ran
             "its topics have more than 262144 bytes of QoS",
         ),
         (METADATA_OF_1_MB, TOO_MUCH),
+        ([SCHEMA, *NOTES], TOO_MUCH),
     ],
-    ids=["schemas", "channels", "QoS", "metadata"],
+    ids=["schemas", "channels", "QoS", "metadata", "notes"],
 )
 def test_absurd_counts_end_the_reading_in_words(
     tmp_path: Path, records: list[McapRecord], words: str

@@ -63,6 +63,7 @@ from tests.recorder.samples import (
     door_topics,
     encoded,
     mixed,
+    record_starts,
     strings,
     talk,
     topic,
@@ -286,6 +287,31 @@ def test_a_flipped_bit_never_passes_for_a_message_and_is_never_silent(
     messages = list(bag.messages())
     assert all(message in rest for message in messages)
     assert messages == MESSAGES or not bag.complete
+
+
+def test_no_other_kind_of_record_makes_another_message(finished: bytes, place: Path) -> None:
+    for start in record_starts(finished):
+        for bit in range(8):
+            damaged = bytearray(finished)
+            damaged[start] ^= 1 << bit
+            bag = opened(place, bytes(damaged))
+            rest = iter(MESSAGES)
+            messages = list(bag.messages())
+            assert all(message in rest for message in messages), (start, bit)
+            assert messages == MESSAGES or not bag.complete, (start, bit)
+
+
+def test_a_damaged_index_without_a_checksum_hides_no_message(place: Path) -> None:
+    content = by_library(
+        MESSAGES, chunk_size=300, compression=CompressionType.NONE, enable_crcs=False
+    )
+    place.write_bytes(content)
+    for start in chunk_starts(place):
+        before, _, after = content.rpartition(start.to_bytes(8, "little"))
+        place.write_bytes(before + (2**62).to_bytes(8, "little") + after)
+        nearest = Seeker(place).nearest("/talk", start, 0)
+        assert nearest in MESSAGES
+        assert list(Bag(place).messages()) == MESSAGES
 
 
 def test_zeros_left_by_a_power_cut_are_passed_over_at_once(finished: bytes, place: Path) -> None:

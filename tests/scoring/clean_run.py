@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from msgspec.structs import replace as changed
@@ -27,6 +28,7 @@ from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 from tests.scoring.runs import CONDITION, START
 
+S = TypeVar("S", bound=Sample)
 RATE = 50.0
 COUNT = Thresholds().encoder_count
 TIMEOUT = 14.5
@@ -145,38 +147,29 @@ def scored(
 Fault = Callable[[list[Sample]], list[Sample]]
 
 
+def each(kind: type[S], change: Callable[[float, S], Sample | None]) -> Fault:
+    """Other samples of a kind, by time since the start and sample; None = the sample is lost."""
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        spoilt = (change(s.time - START, s) if isinstance(s, kind) else s for s in samples)
+        return [sample for sample in spoilt if sample is not None]
+
+    return spoil
+
+
 def door_fault(change: Callable[[float, float], float | None]) -> Fault:
     """Another door angle, by time since the start and angle; None = the sample is lost."""
 
-    def spoil(samples: list[Sample]) -> list[Sample]:
-        spoilt: list[Sample] = []
-        for sample in samples:
-            if isinstance(sample, DoorSample):
-                angle = change(sample.time - START, sample.angle)
-                if angle is not None:
-                    spoilt.append(changed(sample, angle=angle))
-                continue
-            spoilt.append(sample)
-        return spoilt
+    def spoil(time: float, sample: DoorSample) -> Sample | None:
+        angle = change(time, sample.angle)
+        return None if angle is None else changed(sample, angle=angle)
 
-    return spoil
+    return each(DoorSample, spoil)
 
 
-def force_fault(change: Callable[[float, float], float | None]) -> Fault:
+def force_fault(change: Callable[[float, float], float]) -> Fault:
     """Another force, likewise."""
-
-    def spoil(samples: list[Sample]) -> list[Sample]:
-        spoilt: list[Sample] = []
-        for sample in samples:
-            if isinstance(sample, HandleSample):
-                force = change(sample.time - START, sample.force)
-                if force is not None:
-                    spoilt.append(changed(sample, force=force))
-                continue
-            spoilt.append(sample)
-        return spoilt
-
-    return spoil
+    return each(HandleSample, lambda t, s: changed(s, force=change(t, s.force)))
 
 
 def passage_fault(
@@ -185,37 +178,25 @@ def passage_fault(
     """Sensors of a strip see something, or nothing, in [since, until) s after the start."""
     strip = Strip.CW_RIGHT if side is Side.CW else Strip.CCW_LEFT
 
-    def spoil(samples: list[Sample]) -> list[Sample]:
-        spoilt: list[Sample] = []
-        for sample in samples:
-            if (
-                isinstance(sample, PassageSample)
-                and sample.strip is strip
-                and since <= sample.time - START < until
-            ):
-                ranges = list(sample.ranges)
-                for element in elements:
-                    ranges[element] = 0.8 if there else 2.0
-                spoilt.append(changed(sample, ranges=tuple(ranges)))
-            else:
-                spoilt.append(sample)
-        return spoilt
+    def spoil(time: float, sample: PassageSample) -> Sample:
+        if sample.strip is not strip or not since <= time < until:
+            return sample
+        ranges = list(sample.ranges)
+        for element in elements:
+            ranges[element] = 0.8 if there else 2.0
+        return changed(sample, ranges=tuple(ranges))
 
-    return spoil
+    return each(PassageSample, spoil)
 
 
 def ranges_fault(side: Side, change: Callable[[float, float], float]) -> Fault:
     """Other ranges on a side, by time since the start and range."""
 
-    def spoil(samples: list[Sample]) -> list[Sample]:
-        return [
-            changed(s, ranges=tuple(change(s.time - START, each) for each in s.ranges))
-            if isinstance(s, PassageSample) and s.strip.side is side
-            else s
-            for s in samples
-        ]
+    def spoil(time: float, sample: PassageSample) -> Sample:
+        ranges = tuple(change(time, distance) for distance in sample.ranges)
+        return changed(sample, ranges=ranges) if sample.strip.side is side else sample
 
-    return spoil
+    return each(PassageSample, spoil)
 
 
 def frozen(kind: type[Sample], since: float, until: float) -> Fault:
@@ -223,28 +204,21 @@ def frozen(kind: type[Sample], since: float, until: float) -> Fault:
 
     def spoil(samples: list[Sample]) -> list[Sample]:
         held: dict[object, Sample] = {}
-        spoilt: list[Sample] = []
-        for sample in samples:
-            if isinstance(sample, kind) and since <= sample.time - START < until:
-                first = held.setdefault(sample.signal, sample)
-                spoilt.append(changed(first, time=sample.time, log_time=sample.log_time))
-            else:
-                spoilt.append(sample)
-        return spoilt
+
+        def repeat(time: float, sample: Sample) -> Sample:
+            if not since <= time < until:
+                return sample
+            first = held.setdefault(sample.signal, sample)
+            return changed(first, time=sample.time, log_time=sample.log_time)
+
+        return each(kind, repeat)(samples)
 
     return spoil
 
 
 def stamped(kind: type[Sample], change: Callable[[float], float]) -> Fault:
     """Other stamps, s after the start, of samples that come as before."""
-
-    def spoil(samples: list[Sample]) -> list[Sample]:
-        return [
-            changed(s, time=START + change(s.time - START)) if isinstance(s, kind) else s
-            for s in samples
-        ]
-
-    return spoil
+    return each(kind, lambda t, s: changed(s, time=START + change(t)))
 
 
 def second_publisher(since: float, until: float, force: float) -> Fault:
@@ -267,18 +241,12 @@ def second_publisher(since: float, until: float, force: float) -> Fault:
 
 def lost(since: float, until: float, kind: type[Sample] = DoorSample) -> Fault:
     """Samples of a kind that never came, in [since, until) s after the start."""
-    return lambda samples: [
-        s for s in samples if not (isinstance(s, kind) and since <= s.time - START < until)
-    ]
+    return each(kind, lambda t, s: None if since <= t < until else s)
 
 
 def late(kind: type[Sample], seconds: float) -> Fault:
     """Stamps of a kind that lie so long before they are received."""
-
-    def spoil(samples: list[Sample]) -> list[Sample]:
-        return [changed(s, time=s.time - seconds) if isinstance(s, kind) else s for s in samples]
-
-    return spoil
+    return each(kind, lambda _, s: changed(s, time=s.time - seconds))
 
 
 def one_sample(index: int) -> tuple[float, float]:

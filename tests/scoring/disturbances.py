@@ -8,11 +8,12 @@ import numpy as np
 
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import Side
-from scoring.signals import DoorSample, HandleSample, Sample
+from scoring.signals import DoorSample, HandleSample
 from tests.scoring.clean_run import (
     RATE,
     Fault,
     door_fault,
+    each,
     force_fault,
     frozen,
     late,
@@ -48,17 +49,12 @@ def some_lost(part: float) -> Fault:
 def jittered(deviation: float) -> Fault:
     random = np.random.RandomState(4)
 
-    def spoil(samples: list[Sample]) -> list[Sample]:
-        spoilt: list[Sample] = []
-        for sample in samples:
-            if isinstance(sample, DoorSample):
-                time = sample.time + float(deviation * random.standard_normal())
-                spoilt.append(DoorSample(time, sample.log_time, sample.angle))
-            else:
-                spoilt.append(sample)
-        return spoilt
-
-    return spoil
+    return each(
+        DoorSample,
+        lambda _, s: DoorSample(
+            s.time + float(deviation * random.standard_normal()), s.log_time, s.angle
+        ),
+    )
 
 
 def quivering(t: float, angle: float) -> float:
