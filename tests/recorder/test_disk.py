@@ -65,12 +65,14 @@ def test_what_is_said_to_be_on_disk_has_been_synced(folder: Path, synced: dict[s
         assert {name: synced[name] for name in files} == files
         synced.clear()
 
-    with BagWriter(folder, [talk()], {}, flush_period=0.0) as writer:
+    now = 0.0
+    with BagWriter(folder, [talk()], {}, clock=lambda: now) as writer:
         stats = writer.stats()
         assert stats.file_bytes == (folder / "bag_0.mcap").stat().st_size
         assert stats.seconds_since_sync is not None
         check(folder, folder.parent)
-        writer.put_all(MESSAGES)
+        assert writer.put_all(MESSAGES) == len(MESSAGES)
+        now = 0.21
         until(lambda: writer.stats().written == len(MESSAGES))
         assert synced["bag_0.mcap"] == (folder / "bag_0.mcap").stat().st_size
     check(folder)
