@@ -10,8 +10,17 @@ import pytest
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.names import SourceKind
+from madrob_console.engine.core import state_view
+from madrob_console.engine.core.effects import (
+    Effect,
+    HoldEvidence,
+    PlainValue,
+    Publish,
+    RetryWriting,
+)
 from madrob_console.engine.core.event_log import KEPT_LINES, EventLog
 from madrob_console.engine.core.evidence_notes import EvidenceNotes
+from madrob_console.engine.core.inputs import RecordingOpened, Tick
 from madrob_console.engine.core.run_faults import RunFaults
 from madrob_console.engine.core.run_tracker import (
     MOST_FALSE_STARTS,
@@ -20,12 +29,17 @@ from madrob_console.engine.core.run_tracker import (
     RunTracker,
 )
 from madrob_console.engine.core.sensors import Sensors
+from madrob_console.engine.core.state_view import elapsed, panel_fault, question, remaining
 from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, Weight
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
+    REFEREE_ELAPSED_TOPIC,
+    REFEREE_LEVEL_TOPIC,
+    REFEREE_RUNNING_TOPIC,
     ROBOT_FINISHED_TOPIC,
     ROBOT_STARTED_TOPIC,
 )
+from madrob_console.referee.acts import Abort, SetUp
 from madrob_console.referee.checks import Freshness, SensorLimits
 from madrob_console.referee.evidence_account import EvidenceGap
 from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
@@ -34,11 +48,29 @@ from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import FaultKind
 from madrob_console.referee.records import TestbedFault as Noted
 from madrob_console.referee.run import Phase, Run, begin_countdown
-from madrob_console.testbeds.source import TopicStatus
+from madrob_console.testbeds.source import Announcement, TopicStatus
 from recorder.bag import RawMessage
-from scoring.protocol import PASSAGE_SENSORS, Outcome, Side, Signal, Strip, Thresholds
+from scoring.procedure import Procedure, StepRecord
+from scoring.protocol import (
+    PASSAGE_SENSORS,
+    LockDetection,
+    Outcome,
+    Side,
+    Signal,
+    Step,
+    Strip,
+    Thresholds,
+)
 from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from tests.madrob_console.engine.drive import make_setup
+from tests.madrob_console.engine.test_core import FOLDER, Values
 from tests.madrob_console.referee.test_acts import SETUP
+
+
+@pytest.fixture
+def values() -> Values:
+    return Values()
+
 
 NOW = 1_700_000_000.0
 NUMBERS, LIMITS = Thresholds(), SensorLimits()
@@ -612,3 +644,156 @@ def test_a_settle_time_whose_door_goes_silent_is_not_waited_for_without_end() ->
     assert course.go(305.0 + patience - 0.1).phase is Phase.RUNNING
     stopped = course.go(305.0 + patience)
     assert (stopped.outcome, stopped.stop) == (Outcome.TIMEOUT, NOW + 305.0)
+
+
+# ---------------------------------------------------------------- what is shown of a run
+
+
+COUNTING, RUNNING = RUN, replace(RUN, phase=Phase.RUNNING)
+HELD = replace(RUN, held=NOW + 2.0)
+DONE = replace(RUN, phase=Phase.STOPPED, stop=START + 20.0)
+
+
+@pytest.mark.parametrize(
+    ("run", "at", "since", "left"),
+    [
+        (Run(), 3.0, None, None),
+        (COUNTING, 3.0, -2.0, 2.0),
+        (COUNTING, 6.0, 1.0, 0.0),
+        (HELD, 4.0, -3.0, 3.0),
+        (RUNNING, 15.0, 10.0, 290.0),
+        (RUNNING, 400.0, 395.0, 0.0),
+        (DONE, 400.0, 20.0, None),
+    ],
+)
+def test_the_clock_of_a_run_goes_stands_and_stops_with_it(
+    run: Run, at: float, since: float | None, left: float | None
+) -> None:
+    assert (elapsed(run, NOW + at), remaining(run, NOW + at)) == (since, left)
+
+
+def judged(lock: LockDetection, closed: bool) -> Procedure:
+    steps = tuple(
+        StepRecord(step, step.text, final=NOW if closed and step <= Step.CLOSE else None)
+        for step in Step
+    )
+    return Procedure(steps, settling=False, lock_detection=lock)
+
+
+SILENT_LATCH = "the latch sensor is silent: confirm or deny steps 2 and 6"
+CLOSED = "the door is closed: confirm step 6 once it is locked"
+HEARD = LatchView(engaged=True, freshness=Freshness.FRESH)
+
+
+@pytest.mark.parametrize(
+    ("run", "lock", "closed", "latch_view", "words"),
+    [
+        (RUNNING, LockDetection.SENSOR, False, replace(HEARD, freshness=LOST), SILENT_LATCH)
+        for LOST in (Freshness.LOST, Freshness.NEVER)
+    ]
+    + [
+        (RUNNING, LockDetection.SENSOR, True, HEARD, None),
+        (RUNNING, LockDetection.REFEREE, True, HEARD, CLOSED),
+        (RUNNING, LockDetection.REFEREE, False, HEARD, None),
+        (RUNNING, LockDetection.SETTLE, True, HEARD, None),
+        (DONE, LockDetection.REFEREE, True, HEARD, None),
+    ],
+)
+def test_the_referee_is_asked_what_no_sensor_can_tell(
+    run: Run, lock: LockDetection, closed: bool, latch_view: LatchView, words: str | None
+) -> None:
+    assert question(run, judged(lock, closed), latch_view) == words
+    assert question(run, None, latch_view) is None
+
+
+@pytest.mark.parametrize(
+    ("side", "angle", "words"),
+    [
+        (Side.CCW, -0.04, "panel at -0.040 rad, against the opening side"),
+        (Side.CCW, 0.04, None),
+        (Side.CCW, -0.02, None),
+        (Side.CW, 0.04, "panel at +0.040 rad, against the opening side"),
+        (Side.CW, -0.04, None),
+        (Side.CW, None, None),
+    ],
+)
+def test_a_panel_against_the_opening_side_is_a_fault(
+    side: Side, angle: float | None, words: str | None
+) -> None:
+    setup = replace(SETUP, condition=replace(SETUP.condition, opening_side=side))
+    view = DoorView(angle, True, Freshness.FRESH, NUMBERS.closed_angle)
+    assert panel_fault(view, replace(RUN, setup=setup)) == words
+    assert panel_fault(view, Run()) is None
+
+
+SIMULATED = Announcement("by a node", "two announce it")
+
+
+@pytest.mark.parametrize(
+    ("run", "announced", "words"),
+    [
+        (
+            RUNNING,
+            SIMULATED,
+            "the testbed is simulated (by a node): void this run after its stop",
+        ),
+        (RUNNING, replace(SIMULATED, simulated=None), "two announce it"),
+        (replace(RUNNING, setup=replace(SETUP, practice=True)), SIMULATED, "two announce it"),
+        (
+            replace(RUNNING, setup=replace(SETUP, competition="REHEARSAL Cup")),
+            SIMULATED,
+            "two announce it",
+        ),
+        (Run(), SIMULATED, "two announce it"),
+        (DONE, SIMULATED, "two announce it"),
+    ],
+)
+def test_an_official_run_on_a_simulated_testbed_is_to_be_voided(
+    run: Run, announced: Announcement, words: str
+) -> None:
+    assert state_view.testbed_problem(announced, run) == words
+
+
+def test_evidence_waits_while_the_disk_does_and_what_was_refused_is_tried_again(
+    values: Values,
+) -> None:
+    def kinds_after(seconds: float, silent: float) -> list[Effect]:
+        values.now = replace(
+            values.now,
+            time=values.now.time + seconds,
+            workers=replace(values.now.workers, recorder_silent=silent),
+        )
+        return [*values.core.step(Tick(), values.now)]
+
+    values.ready()
+    kinds_after(10.0, 0.0)
+    assert kinds_after(0.2, 0.6) == []
+    assert kinds_after(0.2, 0.61) == [HoldEvidence(True)]
+    assert kinds_after(0.2, 0.7) == []
+    assert kinds_after(0.2, 0.0) == [HoldEvidence(False)]
+    assert kinds_after(0.65, 0.0) == []
+    assert kinds_after(0.1, 0.0) == [RetryWriting(results=True)]
+    assert kinds_after(1.4, 0.0) == []
+    assert kinds_after(-5.0, 0.0) == [RetryWriting(results=True)]  # the clock was stepped back
+    assert kinds_after(0.05, 0.7) == []  # looked at ten times a second
+
+
+def test_what_robots_read_is_published_when_it_changes_and_for_each_run(values: Values) -> None:
+    def published(effects: Sequence[Effect]) -> list[tuple[str, bool | float]]:
+        plain = [e.what for e in effects if isinstance(e, Publish)]
+        return [(p.topic, p.value) for p in plain if isinstance(p, PlainValue)]
+
+    first = values.do(SetUp(make_setup()))
+    assert published(first) == [(REFEREE_RUNNING_TOPIC, False), (REFEREE_LEVEL_TOPIC, 0)]
+    assert published(values.take(Tick(), 0.5)) == []
+    opening = values.asked_to_start()
+    values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))
+    countdown = make_setup().countdown
+    assert published(values.take(Tick(), countdown - 0.1)) == []
+    assert published(values.take(Tick(), 0.1)) == [
+        (REFEREE_RUNNING_TOPIC, True),
+        (REFEREE_ELAPSED_TOPIC, 0.0),
+    ]
+    assert published(values.take(Tick(), 0.05)) == []
+    assert published(values.take(Tick(), 0.1)) == [(REFEREE_ELAPSED_TOPIC, 0.1)]
+    assert published(values.do(Abort("stop"))) == [(REFEREE_RUNNING_TOPIC, False)]
