@@ -10,8 +10,10 @@ import shutil
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from io import BytesIO
 from itertools import count
 from pathlib import Path
@@ -24,10 +26,10 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
 
-from recorder.bag import RawMessage, Topic
+from recorder.bag import BagInformation, RawMessage, Topic
 from recorder.errors import RecorderError
 from recorder.reader import Bag
-from recorder.recovery import recover
+from recorder.recovery import Recovered, recover
 from recorder.writer import BagWriter, RecorderState
 from tests.recorder.samples import all_within, by_library, encoded, mixed, strings, talk
 from tests.recorder.torn_bags import (
@@ -118,16 +120,16 @@ def described(path: Path) -> tuple[dict[int, Schema], dict[int, Channel], dict[s
 
 def test_a_torn_bag_becomes_a_bag_that_says_what_it_lost(bag: TornBag, folder: Path) -> None:
     cut = middle(bag) // 2 * 2 + 1
-    recording = place_torn(bag, folder, cut)
+    recording, listing = place_torn(bag, folder, cut), folder / "metadata.yaml"
     torn = Bag(folder)
     before = list(torn.messages())
-    recovered = recover(folder)
-    assert recovered.metadata == folder / "metadata.yaml"
-    assert (recovered.messages, recovered.tail_bytes) == (len(before), cut - bag.chunks[-1].start)
+    recovered, tail = recover(folder), cut - bag.chunks[-1].start
+    kept = recording.with_name("bag_0.mcap.torn")
+    words = recovered.cut[0]
+    assert recovered == Recovered(recording, len(before), kept, listing, (words,), tail)
     repaired = Bag(folder)
     assert (list(repaired.messages()), repaired.complete) == (before, False)
     assert repaired.problem == torn.problem
-    (words,) = recovered.cut
     assert words in (torn.problem or "")
 
     whole = folder.parent / "whole.mcap"
@@ -135,30 +137,25 @@ def test_a_torn_bag_becomes_a_bag_that_says_what_it_lost(bag: TornBag, folder: P
     *types, records = described(recording)
     *expected_types, expected = described(whole)
     assert types == expected_types
-    assert list(records) == ["madrob_run", "note 0", "note 1", "recovery", "rosbag2"]
-    assert {name: records[name] for name in list(records)[:3]} == {
-        name: expected[name] for name in list(records)[:3]
-    }
-    document = yaml.safe_load((folder / "metadata.yaml").read_text())
-    information = document["rosbag2_bagfile_information"]
+    first = ["madrob_run", "note 0", "note 1"]
+    assert list(records) == [*first, "recovery", "rosbag2"]
+    assert {name: records[name] for name in first} == {name: expected[name] for name in first}
     times = [message.receive_ns for message in before]
-    assert information["message_count"] == recovered.messages
-    assert information["starting_time"] == {"nanoseconds_since_epoch": min(times)}
-    assert information["duration"] == {"nanoseconds": max(times) - min(times)}
-    assert information["relative_file_paths"] == ["bag_0.mcap"]
+    counts = Counter(message.topic for message in before)
+    span = min(times), max(times)
+    told = BagInformation("bag_0.mcap", list(repaired.topics()), counts, *span)
+    assert yaml.safe_load(listing.read_text()) == yaml.safe_load(told.metadata_yaml())
 
 
 def test_a_whole_bag_stays_as_it_is(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag", [talk()], RECORDS) as writer:
-        for message in MESSAGES:
-            writer.put_message(message)
-    before = contents(tmp_path / "bag")
-    for path in (tmp_path / "bag", tmp_path / "bag" / "bag_0.mcap"):
-        recovered = recover(path)
-        assert not recovered.changed
-        assert recovered.messages == len(MESSAGES)
-        assert (recovered.cut, recovered.tail_bytes) == ((), 0)
-    assert contents(tmp_path / "bag") == before
+    folder, recording = tmp_path / "bag", tmp_path / "bag" / "bag_0.mcap"
+    with BagWriter(folder, [talk()], RECORDS) as writer:
+        assert writer.put_all(MESSAGES) == len(MESSAGES)
+    before = contents(folder)
+    unchanged = Recovered(recording, len(MESSAGES), None, None, (), 0)
+    assert [recover(folder), recover(recording)] == [unchanged] * 2
+    assert not unchanged.changed
+    assert contents(folder) == before
 
 
 @pytest.mark.parametrize(
@@ -198,21 +195,17 @@ def test_a_compression_that_is_unknown_here_is_no_damage(tmp_path: Path) -> None
 def test_to_repair_twice_is_harmless_and_what_is_torn_again_is_kept_again(
     bag: TornBag, folder: Path
 ) -> None:
-    recording = place_torn(bag, folder, middle(bag))
-    first = recover(folder)
+    recording, count = place_torn(bag, folder, middle(bag)), bag.whole_messages(middle(bag))
+    assert recover(folder).changed
     before = contents(folder)
-    second = recover(folder)
-    assert (first.changed, second.changed) == (True, False)
-    assert second.messages == first.messages
-    assert contents(folder) == before
-    assert names(folder) == REPAIRED
+    assert recover(folder) == Recovered(recording, count, None, None, (), 0)
+    assert (contents(folder), names(folder)) == (before, REPAIRED)
     again = recording.read_bytes()[:-400]
     recording.write_bytes(again)
     recovered = recover(folder)
-    assert recovered.torn == folder / "bag_0.mcap.torn.2"
-    assert recovered.torn.read_bytes() == again
-    assert (folder / "bag_0.mcap.torn").read_bytes() == bag.data[: middle(bag)]
-    assert recovered.messages == bag.whole_messages(middle(bag))
+    assert (recovered.torn, recovered.messages) == (folder / "bag_0.mcap.torn.2", count)
+    torn = [(folder / f"bag_0.mcap.torn{end}").read_bytes() for end in ("", ".2")]
+    assert torn == [bag.data[: middle(bag)], again]
 
 
 @pytest.mark.parametrize("text", [None, "", "rosbag2_bagfile_info", "stale"])
@@ -223,14 +216,11 @@ def test_a_whole_recording_gets_the_metadata_yaml_it_lacks(
     recording.write_bytes(bag.data)
     if text not in {None, "stale"}:
         (folder / "metadata.yaml").write_text(text or "")
-    before = contents(folder)
-    recovered = recover(folder)
-    assert recovered.torn is None
-    assert recovered.metadata == folder / "metadata.yaml"
-    assert recovered.messages == len(bag.messages)
+    before, count = contents(folder), len(bag.messages)
+    told = Recovered(recording, count, None, folder / "metadata.yaml", (), 0)
+    assert [recover(folder), recover(folder)] == [told, replace(told, metadata=None)]
     assert contents(folder)["bag_0.mcap"] == before["bag_0.mcap"]
     assert Bag(folder).complete
-    assert not recover(folder).changed
     if text not in {None, "stale"}:  # somebody may want to see what it was
         assert contents(folder)["metadata.yaml.torn"] == before["metadata.yaml"]
 
@@ -357,10 +347,9 @@ def test_a_damaged_summary_is_made_anew(bag: TornBag, folder: Path) -> None:
     damaged = bytearray(bag.data)
     damaged[-50] ^= 1  # in the last record before the footer
     recording.write_bytes(damaged)
-    recovered = recover(folder)
-    assert recovered.cut == ("the checksum of its summary is wrong",)
-    assert len(by_mcap(recording)) == recovered.messages == len(bag.messages)
-    assert Bag(folder).complete  # no message is missing
+    recovered, count = recover(folder), len(bag.messages)
+    assert (recovered.cut, recovered.messages) == (("the checksum of its summary is wrong",), count)
+    assert (len(by_mcap(recording)), Bag(folder).complete) == (count, True)  # none is missing
 
 
 def test_a_file_among_others_is_repaired_without_a_metadata_yaml(
@@ -370,8 +359,8 @@ def test_a_file_among_others_is_repaired_without_a_metadata_yaml(
     (folder / "other.mcap").write_bytes(bag.data)
     assert "holds 2 recordings; repair each of the files, then" in refusal(folder)
     recovered = recover(recording)
-    assert recovered.messages == bag.whole_messages(middle(bag) // 2 * 2)
-    assert recovered.metadata is None
+    count = bag.whole_messages(middle(bag) // 2 * 2)
+    assert (recovered.messages, recovered.metadata) == (count, None)
     assert names(folder) == ["bag_0.mcap", "bag_0.mcap.torn", "other.mcap"]
 
 
@@ -455,7 +444,6 @@ def test_a_full_disk_changes_nothing_and_says_so(bag: TornBag, folder: Path) -> 
                 "copy it to a disk that takes large files"
             )
         assert contents(folder) == before
-    assert recover(folder).changed
 
 
 def test_a_folder_that_may_not_be_written_is_told_with_the_remedy(bag: TornBag) -> None:
@@ -480,9 +468,7 @@ def test_a_folder_that_may_not_be_written_is_told_with_the_remedy(bag: TornBag) 
 
 
 def test_a_bag_that_is_being_recorded_is_refused(folder: Path) -> None:
-    with BagWriter(folder, [talk()], RECORDS, flush_period=0) as writer:
-        for message in MESSAGES:
-            writer.put_message(message)
+    with BagWriter(folder, [talk()], RECORDS, flush_period=0):
         text = refusal(folder)
     assert text == "bag_0.mcap is being written; end its recording or repair, then try again"
     assert not recover(folder).changed
@@ -597,10 +583,6 @@ def test_what_is_no_bag_is_refused_in_one_line_with_the_remedy_and_left_alone(
     assert all_within(tmp_path) == before
 
 
-def numbers(messages: list[RawMessage]) -> list[int]:
-    return [int.from_bytes(message.data[:4]) for message in messages]
-
-
 @contextmanager
 def small_files(limit: int) -> Iterator[None]:
     """No file may grow beyond so many bytes: a disk that is full."""
@@ -627,21 +609,15 @@ def test_a_full_disk_is_reported_and_costs_only_what_it_did_not_take(folder: Pat
         summary = writer.close()
     assert "File too large; what was written stays readable" in (summary.error or "")
     assert "\n" not in (summary.error or "")
-    saved = summary.counts[TOPIC.name]
-    assert saved + summary.dropped[TOPIC.name] == next(sent)
-    assert writer.stats().queued_bytes == 0
-    bag = Bag(folder)
-    messages = list(bag.messages())
-    assert numbers(messages) == list(range(len(messages)))
-    assert len(messages) >= saved > 0
-    assert not bag.complete
-    assert bag.records == RECORDS
+    saved, bag = summary.counts[TOPIC.name], Bag(folder)
+    assert (saved + summary.dropped[TOPIC.name], summary.queued_bytes) == (next(sent), 0)
+    numbers = [int.from_bytes(message.data[:4]) for message in bag.messages()]
+    assert numbers == list(range(len(numbers)))
+    assert len(numbers) >= saved > 0
+    assert (bag.complete, bag.records) == (False, RECORDS)
 
 
 def test_a_disk_that_is_full_from_the_start_refuses_and_leaves_nothing(folder: Path) -> None:
-    with (
-        small_files(100),
-        pytest.raises(RecorderError, match=r"^cannot record to .*: File too large; "),
-    ):
+    with small_files(100), pytest.raises(RecorderError, match=r"^cannot record to .*: File too la"):
         BagWriter(folder, [TOPIC], RECORDS).open()
     assert not any(folder.parent.iterdir())
