@@ -244,14 +244,16 @@ def test_a_rate_far_from_the_testbeds_loses_no_result(rules: Ruleset, rate: floa
 
 
 @pytest.mark.parametrize("case", DISTURBANCES)
-def test_doubts_change_no_value(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    samples = DISTURBANCES[case][0](clean())
-    with_doubts = scored(samples)
+def test_doubts_change_no_value(
+    case: str, score_of: Scored, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("scoring.assessment.all_doubts", lambda *_: {})
-    without = scored(samples)
-    assert not doubted(without)
-    values = [[found.indicators[name].value for name in Name] for found in (with_doubts, without)]
-    assert values[0] == values[1]
+    plain = scored(DISTURBANCES[case][0](clean()))
+    monkeypatch.undo()
+    assert not doubted(plain)
+    results = score_of(case, PROTOCOL), plain
+    with_doubts, without = ([one.indicators[name].value for name in Name] for one in results)
+    assert with_doubts == without
 
 
 @pytest.mark.parametrize("value", [1e6, -600.0, math.inf, math.nan])

@@ -56,6 +56,7 @@ from tests.madrob_console.referee.test_acts import (
 FINAL = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee").apply(
     situation(replace(STOPPED, issue=1)), 9.0
 )
+SIGN = Finalise(TeamWord.ABSENT, "R. Eferee")
 CW = replace(SETUP.condition, starting_side=Side.CW)
 TO_CW = Correct(3, CW, "typed wrongly", run_number=7)
 
@@ -109,9 +110,11 @@ def in_phase(phase: Phase) -> Telling:
         return telling
     telling.happens(Change.COUNTDOWN_BEGINS, time=telling.at)
     telling.happens(Change.RUN_STARTS)
-    if phase is Phase.STOPPED:
+    if phase in {Phase.STOPPED, Phase.FINAL}:
         telling.happens(Change.RUN_STOPS, outcome=Outcome.COMPLETED, time=telling.at)
         telling.happens(Change.RESULT_WRITTEN, issue=1)
+    if phase is Phase.FINAL:
+        telling.do(SIGN)
     return telling
 
 
@@ -138,22 +141,28 @@ protests = st.one_of(
 )
 acts = st.one_of(decisions, protests)
 """What a team does is not taken back: it may protest again."""
-closings = st.sampled_from([Finalise(TeamWord.ABSENT, "R. Eferee"), Reissue("protest")])
-phases = st.sampled_from([Phase.READY, Phase.RUNNING, Phase.STOPPED])
+closings = st.sampled_from([SIGN, Reissue("protest")])
+STARTED = (Phase.READY, Phase.RUNNING, Phase.STOPPED)
 
 
-@given(phases, st.lists(st.one_of(acts, closings, st.none()), max_size=15))
+@given(
+    st.sampled_from([*STARTED, Phase.FINAL]),
+    st.lists(st.one_of(acts, closings, st.none()), max_size=15),
+)
 @settings(max_examples=300, deadline=None)
 def test_whatever_is_decided_and_taken_back_the_journal_tells_it(
     phase: Phase, acts: Sequence[Act | None]
 ) -> None:
+    """Of a final result only what opens it again is decided: its next issue waits."""
     telling = in_phase(phase)
     for act in acts:
-        if act is None:
-            telling.take_back()
-        else:
-            telling.do(act)
+        before = telling.run
+        refused = telling.take_back() if act is None else telling.do(act)
         assert telling.told == telling.run
+        if before.phase is Phase.FINAL and refused is None:
+            opened = Phase.STOPPED, None, before.issue + 1
+            assert (telling.run.phase, telling.run.closure, telling.run.issue) == opened
+            assert mark_of(telling.entries) != mark_of(telling.entries[:-1])
 
 
 def _decided(run: Run) -> Run:
@@ -161,7 +170,11 @@ def _decided(run: Run) -> Run:
     return replace(run, taken_back=(), changed=None, signed=None)
 
 
-@given(phases, st.lists(acts, max_size=6), st.lists(decisions, min_size=1, max_size=6))
+@given(
+    st.sampled_from(STARTED),
+    st.lists(acts, max_size=6),
+    st.lists(decisions, min_size=1, max_size=6),
+)
 @settings(max_examples=300, deadline=None)
 def test_taking_back_is_the_inverse_of_deciding(
     phase: Phase, before: Sequence[Act], then: Sequence[Act]
@@ -176,23 +189,6 @@ def test_taking_back_is_the_inverse_of_deciding(
     assert _decided(telling.run) == _decided(stood)
     assert len(telling.run.taken_back) == made
     assert telling.told == telling.run
-
-
-@given(st.lists(st.one_of(acts, closings, st.none()), max_size=12))
-@settings(max_examples=200, deadline=None)
-def test_of_a_final_result_only_what_opens_it_is_decided(acts: Sequence[Act | None]) -> None:
-    telling = in_phase(Phase.STOPPED)
-    telling.do(Finalise(TeamWord.ABSENT, "R. Eferee"))
-    for act in acts:
-        before = telling.run
-        refused = telling.take_back() if act is None else telling.do(act)
-        if before.phase is Phase.FINAL and refused is None:
-            assert (telling.run.phase, telling.run.closure) == (Phase.STOPPED, None)
-            assert telling.run.issue == before.issue + 1
-            assert mark_of(telling.entries) != mark_of(telling.entries[:-1])
-
-
-SIGN = Finalise(TeamWord.ABSENT, "R. Eferee")
 
 
 def test_a_voided_run_is_not_valid_and_keeps_its_outcome() -> None:

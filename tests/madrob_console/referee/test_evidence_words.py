@@ -179,4 +179,6 @@ def test_a_process_that_takes_over_adds_its_counts() -> None:
     whole = replace(now, messages=10, bytes=120, left_out=3, lost={DISK: 4}, problem="late")
     assert now.after(before) == whole
     assert now.after(None) is now
+    untold = replace(before, bytes=None), replace(now, bytes=None)
+    assert (now.after(untold[0]).bytes, untold[1].after(before).bytes) == (20, 100)
     assert replace(now, first=None).after(before).silent_since == START
