@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -12,15 +13,29 @@ from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core import state_view
 from madrob_console.engine.core.effects import (
+    CloseRecording,
     Effect,
     HoldEvidence,
+    LeaveRun,
+    MakeReports,
     PlainValue,
     Publish,
     RetryWriting,
+    Score,
+    WriteLine,
+    WriteResult,
 )
 from madrob_console.engine.core.event_log import KEPT_LINES, EventLog
 from madrob_console.engine.core.evidence_notes import EvidenceNotes
-from madrob_console.engine.core.inputs import RecordingOpened, Tick
+from madrob_console.engine.core.inputs import (
+    CutOff,
+    LineWritten,
+    RecordingClosed,
+    RecordingOpened,
+    ResultWritten,
+    RunScored,
+    Tick,
+)
 from madrob_console.engine.core.run_faults import RunFaults
 from madrob_console.engine.core.run_tracker import (
     MOST_FALSE_STARTS,
@@ -28,6 +43,7 @@ from madrob_console.engine.core.run_tracker import (
     MOST_ROBOT_WORDS,
     RunTracker,
 )
+from madrob_console.engine.core.scored_run import PastRun, RenderedResult, ScoringRequest
 from madrob_console.engine.core.sensors import Sensors
 from madrob_console.engine.core.state_view import elapsed, panel_fault, question, remaining
 from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, Weight
@@ -39,7 +55,7 @@ from madrob_console.messages.codec import (
     ROBOT_FINISHED_TOPIC,
     ROBOT_STARTED_TOPIC,
 )
-from madrob_console.referee.acts import Abort, SetUp
+from madrob_console.referee.acts import Abort, DeclareTimeout, SetUp
 from madrob_console.referee.checks import Freshness, SensorLimits
 from madrob_console.referee.evidence_account import EvidenceGap
 from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
@@ -61,9 +77,10 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
+from scoring.result import Ending
 from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 from tests.madrob_console.engine.drive import make_setup
-from tests.madrob_console.engine.test_core import FOLDER, Values
+from tests.madrob_console.engine.test_core import FOLDER, Values, kinds
 from tests.madrob_console.referee.test_acts import SETUP
 
 
@@ -797,3 +814,110 @@ def test_what_robots_read_is_published_when_it_changes_and_for_each_run(values: 
     assert published(values.take(Tick(), 0.05)) == []
     assert published(values.take(Tick(), 0.1)) == [(REFEREE_ELAPSED_TOPIC, 0.1)]
     assert published(values.do(Abort("stop"))) == [(REFEREE_RUNNING_TOPIC, False)]
+
+
+# ---------------------------------------------------------------- a whole run, effect by effect
+
+
+def stopped_by_timeout(values: Values) -> Run:
+    opening = values.asked_to_start()
+    values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))
+    values.take(Tick(), make_setup().countdown)
+    declared = [e for e in values.do(DeclareTimeout("gave up")) if isinstance(e, WriteLine)]
+    values.take(LineWritten(declared[0].entry.id, None))
+    values.take(Tick(), 0.2)
+    run = values.core.current_run.run
+    assert (run.phase, run.outcome) == (Phase.STOPPED, Outcome.TIMEOUT)
+    return run
+
+
+def rendered(request: ScoringRequest) -> RenderedResult:
+    run, assessment = request.run, request.assessment
+    assert run.outcome is not None
+    assert assessment is not None
+    result, _ = assessment.result(Ending(run.outcome, run.outcome_reason, run.stop), run.rulings)
+    past = PastRun.of(run, assessment, run.stop)
+    return RenderedResult(request.record, run, result, past, {}, memoryview(b""))
+
+
+def carried_out(effects: Sequence[Effect]) -> list[Effect]:
+    """Without lines and what is published: the silent testbed has faults."""
+    return [e for e in effects if not isinstance(e, WriteLine | Publish)]
+
+
+def scoring(effects: Sequence[Effect]) -> ScoringRequest:
+    (wanted,) = (effect for effect in effects if isinstance(effect, Score))
+    return wanted.request
+
+
+def test_after_a_stop_each_step_waits_for_the_one_before_it(values: Values) -> None:
+    stopped_by_timeout(values)
+    core, state = values.core, values.core.current_run.state
+    assert core.records
+    assert carried_out(values.take(Tick(), 0.9)) == []
+    values.now = replace(values.now, unjudged=1)
+    assert carried_out(values.take(Tick(), 0.1)) == []  # what is recorded is judged first
+    assert not core.records
+    values.now = replace(values.now, unjudged=0)
+    assert carried_out(values.take(Tick())) == [CloseRecording()]
+    assert (state.recording, state.closing) == (False, True)
+    effects = values.take(RecordingClosed(("evidence",), 0))
+    request = scoring(effects)
+    assert (request.folder, request.missing, request.stored) == (FOLDER, ("evidence",), False)
+    assert request.run.issue == 1
+    assert (state.closing, state.result.is_missing, state.result.is_settled) == (False, True, False)
+    assert core.situation(values.now).scored is False
+
+    scored = rendered(request)
+    assert values.take(RunScored(replace(request), scored)) == []  # not what is awaited
+    (writing,) = values.take(RunScored(request, scored))
+    assert writing == WriteResult(request, scored, state.lines.entries)
+    assert values.take(ResultWritten(replace(request, folder=Path("x")), scored, {}, None)) == []
+    written = values.take(ResultWritten(request, scored, {"issue": 1}, None))
+    assert kinds(written) == ["WriteLine", "Entry", "MakeReports"]
+    assert MakeReports(FOLDER) in written
+    assert state.result.is_settled
+    assert state.result.indicators == scored.result.indicators
+    assert core.situation(values.now).scored is True
+    left = [e for e in values.do(SetUp(make_setup())) if isinstance(e, LeaveRun)]
+    assert [(e.folder, e.scored, e.problem) for e in left] == [(FOLDER, scored, None)]
+    assert core.current_run.state.result.scored is None
+
+
+def test_a_result_that_the_disk_refuses_is_shown_and_said_to_be_in_memory_only(
+    values: Values,
+) -> None:
+    stopped_by_timeout(values)
+    values.take(Tick(), 1.0)
+    effects = values.take(RecordingClosed((), 3))
+    told = [e.entry for e in effects if isinstance(e, WriteLine)]
+    assert [(e.what, e.details) for e in told] == [(Change.UNRECORDED, {"messages": 3})]
+    assert values.core.current_run.run.unrecorded == 3
+    request = scoring(effects)
+    scored = rendered(request)
+    values.take(RunScored(request, scored))
+    assert values.take(ResultWritten(request, scored, {}, "no room")) == []
+    shown = values.core.snapshot(values.now)
+    assert "the result is NOT on disk: no room" in shown.faults
+    assert (shown.result, shown.rescoring) == (scored.result, False)
+    assert (shown.folder, shown.opened) == (str(FOLDER), False)
+    again = values.core.step(Tick(), replace(values.now, time=values.now.time + 2))
+    assert RetryWriting(results=True) in again
+    wanted = scoring(again)  # files that could not be read may be readable now
+    assert not values.core.snapshot(values.now).rescoring
+    late = replace(values.now, monotonic=values.now.monotonic + 0.31)
+    assert values.core.snapshot(late).rescoring
+    (writing,) = values.take(RunScored(wanted, scored))
+    assert isinstance(writing, WriteResult)
+
+
+def test_a_run_that_is_cut_off_is_closed_at_once_and_says_why(values: Values) -> None:
+    opening = values.asked_to_start()
+    values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))
+    effects = values.take(CutOff("the engine ended"))
+    run = values.core.current_run.run
+    assert (run.outcome, run.outcome_reason) == (Outcome.INTERRUPTED, "the engine ended")
+    assert run.stop == values.now.time
+    assert CloseRecording() in effects
+    assert not values.core.records
+    assert values.take(CutOff("again")) == []
