@@ -253,24 +253,34 @@ def test_the_cut_keeps_the_rows_of_the_run_and_their_digits() -> None:
     assert joint.cut(9.0, 8.0).time.size == 0
 
 
-def test_jerk_is_derived_before_or_after_the_closed_rows_go() -> None:
-    time = np.arange(5.0)
-    joint = JointState(
-        time,
-        position=np.array([1.0, 1.0, 0.0, 1.0, -1.0]),
-        velocity=np.zeros(5),
-        acceleration=np.array([0.0, 1.0, 10.0, 4.0, 2.0]),
-    )
-    protocol = jerk(joint, PROTOCOL, replace(NUMBERS, largest_gap=1.0))
-    assert (protocol[0].tolist(), protocol[1].tolist()) == ([1, 3, 4], [1, -6, -2])
-    published = jerk(joint, EUROBENCH_2020, NUMBERS)
-    assert (published[0].tolist(), published[1].tolist()) == ([1, 3, 4], [1, 1.5, -2])
+OPEN = np.ones(5)
 
 
-def test_no_jerk_is_derived_across_a_gap_of_a_recorded_acceleration() -> None:
-    time = np.array([0.0, 0.02, 0.32, 0.34])
-    joint = JointState(time, np.ones(4), np.zeros(4), np.array([0.0, 1.0, 5.0, 6.0]))
-    assert jerk(joint, PROTOCOL, NUMBERS)[0].tolist() == [0.02, 0.34]
+@pytest.mark.parametrize(
+    ("ruleset", "time", "position", "acceleration", "times", "jerks"),
+    [
+        (PROTOCOL, [0, 1, 2, 3, 4], [1, 1, 0, 1, -1], [0, 1, 10, 4, 2], [1, 3, 4], [1, -6, -2]),
+        (
+            EUROBENCH_2020,
+            *([0, 1, 2, 3, 4], [1, 1, 0, 1, -1], [0, 1, 10, 4, 2]),
+            *([1, 3, 4], [1, 1.5, -2]),
+        ),
+        # none across a gap of a recorded acceleration
+        (PROTOCOL, [0, 1, 16, 17, 18], OPEN, [0, 1, 5, 6, 8], [1, 17, 18], [1, 1, 2]),
+    ],
+)
+def test_jerk_is_derived_before_or_after_the_closed_rows_go(
+    ruleset: Ruleset,
+    time: list[float],
+    position: list[float],
+    acceleration: list[float],
+    times: list[float],
+    jerks: list[float],
+) -> None:
+    columns = [np.array(column, dtype=np.float64) for column in (time, position, acceleration)]
+    joint = JointState(columns[0], columns[1], np.zeros(5), columns[2])
+    found = jerk(joint, ruleset, replace(NUMBERS, largest_gap=1.0))
+    assert [column.tolist() for column in found] == [times, jerks]
 
 
 @given(

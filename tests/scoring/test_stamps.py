@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from scoring.protocol import Outcome, Signal, Thresholds
-from scoring.quality import KEPT_STEPS, QualityCounter, StampGuard
+from scoring.quality import KEPT_STEPS, QualityCounter, SignalQuality, StampGuard
 from scoring.rest import HandleRest, RestForce, moved, rest_force, rest_of
 from scoring.result import Ending
 from scoring.signals import DoorSample
@@ -126,23 +126,18 @@ def test_whatever_the_stamps_what_is_kept_increases(offsets: list[float]) -> Non
     assert len(times) + guard.dropped == len(offsets)
 
 
-def test_quality_counts_rate_gaps_and_jitter() -> None:
+def numbers(of: SignalQuality) -> tuple[float | None, ...]:
+    return of.samples, of.rate, of.gaps, of.largest_gap, of.jitter, of.skew
+
+
+def test_quality_counts_rate_gaps_and_jitter_and_of_nothing_has_no_numbers() -> None:
     counter = QualityCounter(Signal.DOOR, Thresholds())
-    times = [0.0, 0.019, 0.04, 0.06, 0.56, 0.58]
-    for time in times:
+    for time in (0.0, 0.019, 0.04, 0.06, 0.56, 0.58):
         counter.admit(DoorSample(1000 + time, 1000 + time + 0.003, 0.0))
-    quality = counter.quality()
-    assert quality.samples == 6
-    assert quality.rate == pytest.approx(50.0)
-    assert quality.gaps == 1
-    assert quality.largest_gap == pytest.approx(0.5)
-    assert quality.jitter == pytest.approx(math.sqrt(2 * 0.001**2 / 4), rel=1e-3)
-    assert quality.skew == pytest.approx(0.003, abs=1e-6)
-
-
-def test_quality_of_nothing_has_no_numbers() -> None:
-    quality = QualityCounter(Signal.HANDLE, Thresholds()).quality()
-    assert (quality.samples, quality.rate, quality.jitter, quality.skew) == (0, None, None, None)
+    jitter = math.sqrt(2 * 0.001**2 / 4)
+    assert numbers(counter.quality()) == pytest.approx((6, 50.0, 1, 0.5, jitter, 0.003), rel=1e-3)
+    nothing = QualityCounter(Signal.HANDLE, Thresholds()).quality()
+    assert numbers(nothing) == (0, None, 0, None, None, None)
 
 
 CALM = [BEGIN + i * PERIOD for i in range(100)]
@@ -208,6 +203,7 @@ def rest(told: HandleRest | None) -> HandleRest:
 def test_samples_are_told_by_number_mean_standard_deviation_span_and_time() -> None:
     assert rest_of([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]) == HandleRest(3, 5.0, 1.0, 2.0, 1.0, 3.0)
     assert rest(rest_of([1.0], [4.0])).deviation == 0.0
+    assert [moved(force, 1.96) for force in (-0.98, -0.981)] == [False, True]  # half of a touch
 
 
 def trembling(size: float, rate: float) -> Force:
@@ -265,24 +261,19 @@ def test_a_drift_is_the_rest_force_after_the_run_less_the_zero(
         (pushed, 0.0),
         (lambda t: 12.0 + np.sin(20 * t) if -0.7 < t < 3 else 5.9, -0.69),  # a touch
         (lambda t: 12.0 if -0.9 < t < 3 else 5.9, -0.89),  # a hand that bears on it evenly
+        (lambda t: 5.9 + (3 * np.sin(20 * t) if t < 1 else 0), None),
     ],
 )
-def test_a_touch_in_the_countdown_is_no_rest(force: Force, ends: float) -> None:
-    before = rest(found(force).before)
+def test_a_touch_in_the_countdown_is_no_rest(force: Force, ends: float | None) -> None:
+    measured = found(force)
+    if ends is None:
+        why = "the handle was not quiet for half a second before the start"
+        assert (measured.before, measured.no_before) == (None, why)
+        return
+    before = rest(measured.before)
     assert (before.number, before.mean) == pytest.approx((25, 5.9), abs=0.05)
     assert before.deviation == pytest.approx(0.05, rel=0.4)
     assert before.end < START + ends
-
-
-def test_a_handle_that_is_never_quiet_before_the_start_has_no_rest_force_there() -> None:
-    told = found(lambda t: 5.9 + (3 * np.sin(20 * t) if t < 1 else 0))
-    assert told.before is None
-    assert told.no_before == "the handle was not quiet for half a second before the start"
-
-
-def test_half_the_threshold_is_no_drift_yet() -> None:
-    assert not moved(-0.98, 1.96)
-    assert moved(-0.981, 1.96)
 
 
 @pytest.mark.parametrize("force", [1e308, -1e308])

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from scoring.calibration.masks import (
     GRAVITY,
     LEAST_SWEEP,
-    HandleProposal,
     MaskProposal,
     Numbers,
     SteadyForce,
@@ -69,12 +68,10 @@ def test_masks_begin_at_half_of_the_first_angle_and_end_an_eighth_after_the_last
     found = propose(sweep())
     assert found.mask_from == pytest.approx([0.045, 0.055, 0.065, 0.075, 0.085], abs=STEP)
     ends = pytest.approx([0.28125, 0.39375, 0.50625, 0.61875, 0.73125], abs=STEP)
-    assert found.mask_to(Side.CW) == ends
-    assert found.mask_to(Side.CCW) == ends
+    assert [found.mask_to(side) for side in Side] == [ends, ends]
     assert found.swept == pytest.approx((-1.2, 1.2), abs=STEP)
-    view = found.views[0]
-    assert (view.sensor, view.readings, view.strays) == (FIRST, len(DOOR), 0)
-    assert view.under == np.count_nonzero((-DOOR > 0.09) & (-DOOR < 0.25))
+    view, under = found.views[0], int(np.count_nonzero((-DOOR > 0.09) & (-DOOR < 0.25)))
+    assert (view.sensor, view.readings, view.strays, view.under) == (FIRST, len(DOOR), 0, under)
 
 
 def every(change: Callable[[Swept], Swept]) -> Sweep:
@@ -302,9 +299,7 @@ def test_samples_become_a_sweep(
 def test_several_recordings_count_as_one() -> None:
     one = collected(door(1.0, 0.1), scan(1.01, 1, 1, 1, 1), door(1.02, 0.1), door(1.03, math.nan))
     both = Sweep.together([one, one])
-    assert len(both.door) == 4
-    assert both.door_lost == 2
-    assert len(both.sensors[FIRST].angle) == 2
+    assert (len(both.door), both.door_lost, len(both.sensors[FIRST].angle)) == (4, 2, 2)
 
 
 def level(value: float, *, noise: float = 0.0, drift: float = 0.0, seed: int = 0) -> SteadyForce:
@@ -315,14 +310,9 @@ def level(value: float, *, noise: float = 0.0, drift: float = 0.0, seed: int = 0
     return SteadyForce.of("recording", times.tolist(), values.tolist())
 
 
-def propose_scale(rest: SteadyForce, weight: SteadyForce, mass: float = 2.0) -> HandleProposal:
-    return propose_handle(rest, weight, mass, Side.CCW)
-
-
 def test_a_level_has_median_noise_and_drift() -> None:
     found = level(600.0, noise=2.0, drift=6.0)
-    assert found.samples == 200
-    assert found.duration == pytest.approx(3.98)
+    assert (found.samples, found.duration) == pytest.approx((200, 3.98))
     assert found.median == pytest.approx(600.0, abs=1.0)
     assert found.noise == pytest.approx(2.0, rel=0.2)
     assert found.drift == pytest.approx(6.0, abs=1.5)
@@ -346,32 +336,30 @@ def test_whatever_the_load_cell_its_scale_and_zero_are_found(
     zero: float, per_newton: float, sign: int, mass: float
 ) -> None:
     loaded = zero + sign * per_newton * mass * GRAVITY
-    found = propose_scale(level(zero), level(loaded), mass)
+    found = propose_handle(level(zero), level(loaded), mass, Side.CCW)
     assert found.scale * sign * per_newton == pytest.approx(1.0, rel=1e-4)
     assert found.zero == pytest.approx(zero)
 
 
 @pytest.mark.parametrize(
-    ("rest", "weight", "words"),
+    ("rest", "weight", "mass", "words"),
     [
-        (level(600.0), level(600.0), "read the same"),
-        (level(600.0, noise=5.0), level(640.0, noise=5.0), "noise .* between rest and weight"),
-        (level(600.0), level(2600.0, noise=300.0), "noise .* keep it still"),
-        (level(600.0, drift=100.0), level(2600.0), r"drift of \+100 in 4.0 s .* steady"),
-        (level(600.0), level(2600.0, drift=-100.0), r"drift of -100 .* steady"),
+        (level(600.0), level(600.0), 2.0, "read the same"),
+        (level(600, noise=5.0), level(640, noise=5.0), 2.0, "noise .* between rest and weight"),
+        (level(600.0), level(2600.0, noise=300.0), 2.0, "noise .* keep it still"),
+        (level(600.0, drift=100.0), level(2600.0), 2.0, r"drift of \+100 in 4.0 s .* steady"),
+        (level(600.0), level(2600.0, drift=-100.0), 2.0, r"drift of -100 .* steady"),
+        *(
+            (level(0.0), level(100.0), mass, r"a mass of .* kg: give the weight's mass")
+            for mass in (0.0, -1.0, math.nan, math.inf)
+        ),
     ],
 )
 def test_an_unsteady_force_or_a_weight_that_hardly_shows_is_refused(
-    rest: SteadyForce, weight: SteadyForce, words: str
+    rest: SteadyForce, weight: SteadyForce, mass: float, words: str
 ) -> None:
     with pytest.raises(ScoringError, match=words):
-        propose_scale(rest, weight)
-
-
-@pytest.mark.parametrize("mass", [0.0, -1.0, math.nan, math.inf])
-def test_a_mass_that_is_none_is_refused(mass: float) -> None:
-    with pytest.raises(ScoringError, match=r"a mass of .* kg: give the weight's mass"):
-        propose_scale(level(0.0), level(100.0), mass)
+        propose_handle(rest, weight, mass, Side.CCW)
 
 
 TIMES = [number / 50 for number in range(100)]
