@@ -13,13 +13,17 @@ from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core import state_view
 from madrob_console.engine.core.effects import (
+    Answer,
+    CloseJournal,
     CloseRecording,
     Effect,
     HoldEvidence,
+    KeepJournal,
     LeaveRun,
     MakeReports,
     PlainValue,
     Publish,
+    ReopenJournal,
     RetryWriting,
     Score,
     WriteLine,
@@ -29,7 +33,9 @@ from madrob_console.engine.core.event_log import KEPT_LINES, EventLog
 from madrob_console.engine.core.evidence_notes import EvidenceNotes
 from madrob_console.engine.core.inputs import (
     CutOff,
+    JournalReopened,
     LineWritten,
+    OpenEarlierRun,
     RecordingClosed,
     RecordingOpened,
     ResultWritten,
@@ -43,7 +49,12 @@ from madrob_console.engine.core.run_tracker import (
     MOST_ROBOT_WORDS,
     RunTracker,
 )
-from madrob_console.engine.core.scored_run import PastRun, RenderedResult, ScoringRequest
+from madrob_console.engine.core.scored_run import (
+    EarlierRun,
+    PastRun,
+    RenderedResult,
+    ScoringRequest,
+)
 from madrob_console.engine.core.sensors import Sensors
 from madrob_console.engine.core.state_view import elapsed, panel_fault, question, remaining
 from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, Weight
@@ -921,3 +932,96 @@ def test_a_run_that_is_cut_off_is_closed_at_once_and_says_why(values: Values) ->
     assert CloseRecording() in effects
     assert not values.core.records
     assert values.take(CutOff("again")) == []
+
+
+def earlier_run(run: Run, *, out_of_date: bool = False) -> EarlierRun:
+    assessment = RECORD.assessment(START)
+    ending = run.ending if run.outcome else Ending(Outcome.INTERRUPTED, "cut off", None)
+    result, _ = assessment.result(ending)
+    past = PastRun.of(run, assessment, run.stop)
+    scored = RenderedResult(RECORD, run, result, past, {}, memoryview(b""))
+    lines = (Entry(NOW, Origin.REFEREE, "start"), Entry(NOW + 50.0, Origin.SYSTEM, "line"))
+    return EarlierRun(Path("results/earlier"), lines, scored, out_of_date)
+
+
+TIMED_OUT = replace(RUNNING, timeout_at=NOW + 40.0, outcome_reason="gave up")
+COMPLETED = replace(DONE, outcome=Outcome.COMPLETED, outcome_reason="done", issue=2)
+FAILED = "the program or the machine failed"
+
+
+@pytest.mark.parametrize(
+    ("run", "out_of_date", "invalid", "outcome", "files"),
+    [
+        (COMPLETED, False, False, (Outcome.COMPLETED, DONE.stop, "done", 2), None),
+        (COMPLETED, True, False, (Outcome.COMPLETED, DONE.stop, "done", 2), True),
+        (
+            replace(COMPLETED, issue=0),
+            *(False, False, (Outcome.COMPLETED, DONE.stop, "done", 1), False),
+        ),
+        (RUNNING, False, False, (Outcome.INTERRUPTED, NOW + 50.0, FAILED, 1), True),
+        (RUNNING, False, True, (Outcome.ABORTED, NOW + 50.0, FAILED, 1), True),
+        (TIMED_OUT, False, False, (Outcome.TIMEOUT, NOW + 40.0, "gave up", 1), True),
+        (TIMED_OUT, False, True, (Outcome.ABORTED, NOW + 50.0, FAILED, 1), True),
+    ],
+)
+def test_an_earlier_run_is_opened_as_it_was_and_a_cut_off_one_is_ended(
+    values: Values,
+    run: Run,
+    out_of_date: bool,
+    invalid: bool,
+    outcome: tuple[Outcome, float, str, int],
+    files: bool | None,
+) -> None:
+    earlier = earlier_run(run, out_of_date=out_of_date)
+    request = OpenEarlierRun(7, earlier, invalid, values.core.current_run.generation)
+    assert carried_out(values.take(request)) == [ReopenJournal(request)]
+    effects = carried_out(values.take(JournalReopened(request, None, late=False)))
+    opened, state = values.core.current_run.run, values.core.current_run.state
+    assert (opened.outcome, opened.stop, opened.outcome_reason, opened.issue) == outcome
+    assert (state.folder, state.opened, state.recording) == (earlier.folder, earlier, False)
+    assert [type(e) for e in effects][:2] == [LeaveRun, KeepJournal]
+    assert Answer(7, None) in effects
+    if files is None:
+        assert state.result.scored is earlier.scored
+        assert not any(isinstance(e, Score) for e in effects)
+    else:
+        wanted = scoring(effects)
+        assert (wanted.files, wanted.stored, wanted.folder) == (files, True, earlier.folder)
+    assert values.core.snapshot(values.now).opened
+
+
+@pytest.mark.parametrize(
+    ("problem", "late", "generations", "answer", "closes"),
+    [
+        ("it is open elsewhere", False, 0, "it is open elsewhere", []),
+        (None, True, 0, "the disk took more than 2 s: try again", [CloseJournal]),
+        (None, False, 1, "was set up meanwhile, and stays", [CloseJournal]),
+    ],
+)
+def test_an_earlier_run_that_cannot_be_opened_any_more_replaces_nothing(
+    values: Values,
+    problem: str | None,
+    late: bool,
+    generations: int,
+    answer: str,
+    closes: list[type[Effect]],
+) -> None:
+    generation = values.core.current_run.generation
+    request = OpenEarlierRun(7, earlier_run(COMPLETED), False, generation)
+    values.take(request)
+    for _ in range(generations):
+        values.ready()
+    before = values.core.current_run.run
+    effects = values.take(JournalReopened(request, problem, late))
+    assert [type(e) for e in carried_out(effects)] == [*closes, Answer]
+    assert answer in str(effects[-1])
+    assert values.core.current_run.run == before
+
+
+def test_what_came_in_the_countdown_counts_after_it_began_again() -> None:
+    course = Course()
+    course.feed(handle(2.0, 50.0))
+    course.tracker.restart(begin_countdown(course.run, NOW + 3.0), NOW + 3.0)
+    course.feed(handle(9.0, 50.0))
+    touches = [e.time for e in course.tracker.assessment.events() if "touched" in e.name]
+    assert touches == [NOW + 3.0 + SETUP.countdown]
