@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from madrob_console.archive.run_journal import Unfinished
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core import state_view
@@ -29,10 +30,13 @@ from madrob_console.engine.core.effects import (
     WriteLine,
     WriteResult,
 )
+from madrob_console.engine.core.engine_config import EngineConfig, EvidencePlan
+from madrob_console.engine.core.engine_core import Core
 from madrob_console.engine.core.event_log import KEPT_LINES, EventLog
 from madrob_console.engine.core.evidence_notes import EvidenceNotes
 from madrob_console.engine.core.inputs import (
     CutOff,
+    CutOffRunsListed,
     JournalReopened,
     LineWritten,
     OpenEarlierRun,
@@ -42,6 +46,7 @@ from madrob_console.engine.core.inputs import (
     RunScored,
     Tick,
 )
+from madrob_console.engine.core.now import DiskState, TestbedState, WorkerState
 from madrob_console.engine.core.run_faults import RunFaults
 from madrob_console.engine.core.run_tracker import (
     MOST_FALSE_STARTS,
@@ -66,13 +71,15 @@ from madrob_console.messages.codec import (
     ROBOT_FINISHED_TOPIC,
     ROBOT_STARTED_TOPIC,
 )
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, DeclareTimeout, SetUp
-from madrob_console.referee.checks import Freshness, SensorLimits
+from madrob_console.referee.checks import CheckState, Freshness, SensorLimits
 from madrob_console.referee.evidence_account import EvidenceGap
 from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
 from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.lists import TeamList
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.records import FaultKind
+from madrob_console.referee.records import CheckName, FaultKind
 from madrob_console.referee.records import TestbedFault as Noted
 from madrob_console.referee.run import Phase, Run, begin_countdown
 from madrob_console.testbeds.source import Announcement, TopicStatus
@@ -1025,3 +1032,61 @@ def test_what_came_in_the_countdown_counts_after_it_began_again() -> None:
     course.feed(handle(9.0, 50.0))
     touches = [e.time for e in course.tracker.assessment.events() if "touched" in e.name]
     assert touches == [NOW + 3.0 + SETUP.countdown]
+
+
+def test_what_is_shown_and_checked_is_what_is_known(values: Values) -> None:
+    plan = EvidencePlan(10**9, 60.0)
+    config = EngineConfig(
+        *(Path("results"), DEFAULT_MAPPINGS, 5),
+        competition="Autumn Cup",
+        testbed="Hall A",
+        evidence=plan,
+    )
+    values.core = core = Core(config, MessageTypes())
+    arrivals = [*skewed(-0.2), *steady(lambda at: handle(at, 3.0), 0.0)]
+    for signal, at, sample, error in arrivals:
+        message = RawMessage(TOPICS[signal], "", b"", 0, round((NOW + at) * 1e9))
+        core.observation.sensors.receive(message, sample, error)
+    seen = evidence(problem="cannot be read")
+    testbed = TestbedState(
+        SourceKind.ROS,
+        "hall",
+        (status(publishers=2),),
+        Announcement(simulated_time=1.0),
+        other_referee="node b",
+        robot_problems={"/robot": "two robots"},
+    )
+    cut_off = Unfinished("x", 3, "", 1, 1, Phase.RUNNING, None, None, "", 0)
+    values.now = now = replace(
+        values.now,
+        time=NOW,
+        taken=NOW,
+        judged=NOW,
+        testbed=testbed,
+        workers=WorkerState(evidence=seen, scoring="it is late", dropped={TOPICS[DOOR]: 4}),
+        disk=DiskState(free=3, problem="", journal_problem="no room", late_runs=("run 1",)),
+        behind="the engine is behind",
+        teams=TeamList({3: "Delft"}),
+    )
+    values.take(CutOffRunsListed((cut_off,)))
+    shown = core.snapshot(now, others=["a", None])
+    assert (shown.source_kind, shown.source_label, shown.time) == (SourceKind.ROS, "hall", NOW)
+    assert (shown.competition, shown.testbed, shown.evidence) == ("Autumn Cup", "Hall A", seen)
+    assert (shown.teams, shown.unfinished, shown.disk_free) == (now.teams, (cut_off,), 3)
+    assert (shown.folder, shown.opened, shown.result, shown.result_source) == (
+        *(None, False, None, None),
+    )
+    view = next(v for v in shown.topics if v.topic == TOPICS[DOOR])
+    assert (view.publishers, view.dropped) == (2, 4)
+    assert list(shown.faults)[:3] == ["no room", "it is late", "run 1"]
+    assert {"another referee: node b", "the engine is behind", "/robot: two robots", "a"} < set(
+        shown.faults
+    )
+    checks = {check.name: check for check in shown.checks}
+    assert checks[CheckName.DISK].reason == "make room on the disk: 3 B free, 5 B needed"
+    assert checks[CheckName.EVIDENCE].state is CheckState.NO_DATA
+    assert checks[CheckName.HANDLE].finding == "not yet done since the engine started"
+    assert checks[CheckName.CLOCK].state is CheckState.FAILED
+    assert checks[CheckName.REFEREE].finding == "node b"
+    assert core.situation(now).rest_force == NUMBERS.touch_force / 2
+    assert core.situation(now).refused == "no room"
