@@ -19,6 +19,7 @@ from madrob_console.engine.core.effects import (
     HoldEvidence,
     KeepJournal,
     LeaveRun,
+    ListCutOffRuns,
     MakeReports,
     PlainValue,
     Publish,
@@ -315,9 +316,24 @@ def test_after_a_stop_each_step_waits_for_the_one_before_it(values: Values) -> N
     assert state.result.is_settled
     assert state.result.indicators == scored.result.indicators
     assert core.situation(values.now).scored is True
-    left = [e for e in values.do(SetUp(make_setup())) if isinstance(e, LeaveRun)]
+    effects = values.do(SetUp(make_setup()))
+    left = [e for e in effects if isinstance(e, LeaveRun)]
     assert [(e.folder, e.scored, e.problem) for e in left] == [(FOLDER, scored, None)]
+    assert ListCutOffRuns() not in effects
     assert core.current_run.state.result.scored is None
+
+
+def test_a_run_that_cannot_be_scored_is_left_among_those_that_were_cut_off(values: Values) -> None:
+    stopped_by_timeout(values)
+    values.take(Tick(), 1.0)
+    values.take(RecordingClosed((), 0))
+    assert Answer(values.number + 1, None) not in values.do(SetUp(make_setup()))
+    values.now = replace(values.now, workers=WorkerState(hopeless=True))
+    effects = values.do(SetUp(make_setup()))
+    assert [e for e in effects if isinstance(e, ListCutOffRuns | Answer)] == [
+        ListCutOffRuns(),
+        Answer(values.number, None),
+    ]
 
 
 def test_a_result_that_the_disk_refuses_is_shown_and_said_to_be_in_memory_only(
