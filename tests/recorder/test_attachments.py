@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from recorder.attachments import FileEnding, attach, detach, read_attachment
 from recorder.reader import Bag
 from recorder.writer import BagWriter
-from tests.recorder.samples import door_messages, door_topics
+from tests.recorder.samples import by_library, door_messages, door_topics
 
 NAME = "result.json"
 
@@ -66,3 +67,19 @@ def test_a_torn_file_has_no_attachment_and_gets_none(bag: Path, cut: int, flippe
     changed[flipped % len(copy)] ^= 0x55
     for read in (read_attachment, detach):
         read(BytesIO(changed), NAME)  # raises nothing
+
+
+def test_what_cannot_be_given_back_to_the_last_byte_gets_no_attachment() -> None:
+    messages = door_messages(1)
+    without = BytesIO(by_library(messages, door_topics(), use_statistics=False))
+    assert attach(without, NAME, "", b"data") is None
+    assert detach(without, NAME) is None
+    file = BytesIO()
+    writer = Writer(file)
+    writer.start(profile="ros2")
+    writer.add_attachment(0, 0, NAME, "", b"data")
+    writer.add_metadata("behind", {"it": "lies more"})
+    writer.finish()  # type: ignore[no-untyped-call]
+    assert read_attachment(file, NAME) == b"data"
+    assert read_attachment(file, "another") is None
+    assert detach(file, NAME) is None

@@ -273,6 +273,10 @@ TWO_GB = (2**31 - 1).to_bytes(4, "little")
         (encoded(Chunk("zstd", zstandard.compress(ZEROS), 0, 0, 0, 1000)), "a chunk "),
         (encoded(Chunk("lz4", lz4.frame.compress(ZEROS), 0, 0, 0, 1000)), "a chunk "),
         (encoded(Chunk("zstd", zstandard.compress(b"x"), 0, 0, 0, 2**60)), "a chunk claims"),
+        *(
+            (encoded(Chunk("", records, 0, 0, 0, len(records))), "a chunk has a damaged record")
+            for records in (bytes(100), framed(0x05, b"short"), b"\x05\x00\x00")
+        ),
         (encoded(Chunk("gzip" * 2**20, b"", 0, 0, 0, 1)), "a chunk is damaged"),
         (framed(0x06, bytes(28) + TWO_GB + b"zstd"), "a chunk is damaged"),
         (framed(0x06, bytes(32) + (2**40).to_bytes(8, "little") + b"x"), "a chunk is cut off"),

@@ -342,6 +342,16 @@ def test_a_damaged_chunk_is_left_out_and_the_rest_is_kept(
     assert "it is left out" in (Bag(folder).problem or "")
 
 
+def test_of_many_damaged_chunks_three_are_named_and_the_others_counted(tmp_path: Path) -> None:
+    data = bytearray(by_library(MESSAGES[:60], chunk_size=1, compression=CompressionType.NONE))
+    for number in range(5):
+        data[data.index(f"number {number} ".encode())] ^= 1
+    (tmp_path / "a.mcap").write_bytes(data)
+    recovered = recover(tmp_path / "a.mcap")
+    assert (len(recovered.cut), recovered.messages) == (4, 55)
+    assert recovered.cut[-1] == "2 more chunks are left out"
+
+
 def test_a_damaged_summary_is_made_anew(bag: TornBag, folder: Path) -> None:
     recording = place_torn(bag, folder, len(bag.data) // 2 * 2 + 1)
     damaged = bytearray(bag.data)
