@@ -17,6 +17,7 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
 )
 from madrob_console.referee.acts.correct import last_decision
+from madrob_console.referee.acts.protest import outside_recording
 from madrob_console.referee.flags import LONGEST_WORDS, Flag, FlagKind, FlagWeight, flags, undecided
 from madrob_console.referee.records import (
     DecisionKind,
@@ -80,6 +81,31 @@ def test_a_protest_is_a_flag_and_waits_until_it_is_decided_or_withdrawn(
     found = flags(run())
     assert [flag.words[: len(say)] for flag, say in zip(found, words, strict=True)] == words
     assert len(undecided(found)) == len(waiting)
+
+
+@pytest.mark.parametrize(
+    ("run", "at", "words"),
+    [
+        *((STOPPED, at, None) for at in (-65.0, 0.0, 75.0)),
+        *(
+            (
+                STOPPED,
+                at,
+                f"the recording goes from -5 s to 15 s: {at:g} s is more than 60 s outside it",
+            )
+            for at in (-65.1, 75.1)
+        ),
+        (Run(), 60.0, None),
+        (Run(), 61.0, "the recording goes from 0 s to 0 s: 61 s is more than 60 s outside it"),
+    ],
+)
+def test_an_instant_in_question_lies_within_the_recording_or_a_minute_of_it(
+    run: Run, at: float, words: str | None
+) -> None:
+    assert outside_recording(at, run) == words
+    assert replace(SLOW, after_start=at).refusal(Situation(STOPPED, scored=True)) == (
+        words if run is STOPPED else None
+    )
 
 
 @pytest.mark.parametrize("before", [STOPPED, FINAL], ids=["open", "final"])
