@@ -45,7 +45,7 @@ from tests.recorder.samples import (
 
 EXAMPLES = 40
 LONGEST = 20.0
-"""Seconds for one input; the usual ones take hundredths."""
+"""Seconds of the processor for one input; the usual ones take hundredths."""
 
 MESSAGES = strings([f"number {number} " + "text " * (number % 7) for number in range(40)])
 MAY_BE_THERE = {"bag_0.mcap", "bag_0.mcap.torn", "metadata.yaml", "metadata.yaml.torn"}
@@ -141,7 +141,7 @@ def check(place: Path, content: bytes, metadata: str | None) -> None:
     if metadata is not None:
         started = BagInformation("bag_0.mcap", [talk()], {}, None, None).metadata_yaml()
         (folder / "metadata.yaml").write_text(started if metadata == "stale" else metadata)
-    began = time.monotonic()
+    began = time.process_time()
     before = messages(folder)
     look_up(folder / "bag_0.mcap", before or [], only_cut=whole_start(content))
     recovered = repaired(folder)
@@ -157,7 +157,7 @@ def check(place: Path, content: bytes, metadata: str | None) -> None:
             assert recovered.torn.read_bytes() == content
     else:
         assert (folder / "bag_0.mcap").read_bytes() == content
-    assert time.monotonic() - began < LONGEST
+    assert time.process_time() - began < LONGEST
     assert {path.name for path in folder.iterdir()} <= MAY_BE_THERE
     assert sorted(path.name for path in place.iterdir()) == ["bag", "outside.mcap"]
     assert (place / "outside.mcap").read_bytes() == b"precious"
@@ -333,10 +333,10 @@ def test_absurd_counts_end_the_reading_in_words(
 ) -> None:
     path = tmp_path / "absurd.mcap"
     path.write_bytes(MCAP0_MAGIC + encoded(*records))
-    began = time.monotonic()
+    began = time.process_time()
     assert list(Bag(path).messages()) == []
     assert recover(path).cut == (words,)
-    assert time.monotonic() - began < LONGEST
+    assert time.process_time() - began < LONGEST
 
 
 def test_an_index_that_repeats_itself_is_not_followed_for_ever(tmp_path: Path) -> None:
@@ -345,10 +345,10 @@ def test_an_index_that_repeats_itself_is_not_followed_for_ever(tmp_path: Path) -
     footer = encoded(Footer(len(MCAP0_MAGIC) + len(metadata), 0, 0))
     path = tmp_path / "again.mcap"
     path.write_bytes(MCAP0_MAGIC + metadata + index + footer + MCAP0_MAGIC)
-    began = time.monotonic()
+    began = time.process_time()
     assert list(Bag(path).records) == ["m"]
     assert recover(path).cut == ("its types and records have more than 16777216 bytes",)
-    assert time.monotonic() - began < LONGEST
+    assert time.process_time() - began < LONGEST
 
 
 def test_words_from_a_file_cannot_steer_a_terminal(tmp_path: Path) -> None:

@@ -316,10 +316,10 @@ def test_a_damaged_index_without_a_checksum_hides_no_message(place: Path) -> Non
 
 def test_zeros_left_by_a_power_cut_are_passed_over_at_once(finished: bytes, place: Path) -> None:
     end = finished.index(b"note 50")
-    start = time.monotonic()
+    start = time.process_time()  # whatever else the machine does
     bag = opened(place, finished[: end - 17] + bytes(50_000_000))
     assert list(bag.messages()) == MESSAGES[:50]
-    assert time.monotonic() - start < 2
+    assert time.process_time() - start < 2
     assert bag.problem is not None
     assert "there are only zeros from byte" in bag.problem
 
