@@ -70,6 +70,7 @@ def test_what_a_fault_spoils_is_doubted(case: str, score_of: Scored) -> None:
     assert DISTURBANCES[case][1] <= doubted(result)
     for indicator in result.indicators.values():
         assert all(words and words.isprintable() for words in indicator.doubts)
+        assert not any("None" in words for words in indicator.doubts)
 
 
 SLAM = Motion(swing_time=1.2, closes=8.0)

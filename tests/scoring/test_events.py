@@ -27,7 +27,7 @@ from scoring.protocol import (
 )
 from scoring.result import Ending
 from scoring.rulesets import EUROBENCH_2020
-from scoring.signals import PassageSample, Sample
+from scoring.signals import BinarySignal, Held, PassageSample, Sample
 from tests.scoring.runs import (
     CONDITION,
     START,
@@ -196,6 +196,13 @@ def test_events_are_those_of_the_definition(
 
 def test_six_sensors_near_the_hinge_are_not_used() -> None:
     assert len(NOT_USED) == 6
+
+
+def test_a_level_holds_up_to_the_next_reading_that_differs_or_to_the_newest() -> None:
+    level = BinarySignal()
+    for time, value in enumerate([False, True, True, False, False]):
+        level.update(float(time), value, 0.0)
+    assert [level.held(0), level.held(1)] == [Held(2, 2.0), Held(2, 1.0)]
 
 
 def test_handle_zero_is_subtracted() -> None:

@@ -16,6 +16,7 @@ from madrob_console.engine.core.effects import (
     CloseJournal,
     CloseRecording,
     Effect,
+    GiveUpRecording,
     HoldEvidence,
     KeepJournal,
     LeaveRun,
@@ -321,6 +322,16 @@ def test_after_a_stop_each_step_waits_for_the_one_before_it(values: Values) -> N
     assert [(e.folder, e.scored, e.problem) for e in left] == [(FOLDER, scored, None)]
     assert ListCutOffRuns() not in effects
     assert core.current_run.state.result.scored is None
+
+
+def test_a_start_that_is_not_possible_any_more_gives_its_recording_up(values: Values) -> None:
+    opening = values.asked_to_start()
+    values.now = replace(values.now, testbed=replace(values.now.testbed, other_referee="node b"))
+    effects = values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))
+    assert [type(e) for e in carried_out(effects)] == [GiveUpRecording, Answer]
+    assert Answer(values.number, "node b") in effects
+    assert not any(isinstance(e, WriteLine) for e in effects)
+    assert values.core.current_run.run.phase is Phase.READY
 
 
 def test_a_run_that_cannot_be_scored_is_left_among_those_that_were_cut_off(values: Values) -> None:
