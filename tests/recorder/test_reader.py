@@ -382,13 +382,24 @@ def test_damage_in_a_bag_out_of_order_costs_one_chunk_and_is_told(tmp_path: Path
     assert "a chunk has a wrong checksum" in (bag.problem or "")
 
 
+TWICE = b"rosbag2_bagfile_information: {relative_file_paths: [bag_0.mcap, bag_0.mcap]}"
+
+
 @pytest.mark.parametrize(
     ("name", "content", "count", "problem"),
     [
         ("bag_0.mcap", "as it is", 60, None),  # in the order of its files
         *(
             ("metadata.yaml", text, 60, "metadata.yaml")  # they are found but not taken as all
-            for text in (None, b"", b"[", b"rosbag2_bagfile_information: 3", b"a: b", b"\x00")
+            for text in (
+                None,
+                b"",
+                b"[",
+                b"rosbag2_bagfile_information: 3",
+                b"a: b",
+                b"\x00",
+                TWICE,
+            )
         ),
         *(("bag_1.mcap", content, 5, "bag_1.mcap") for content in (None, b"", b"not mcap")),
     ],

@@ -8,7 +8,7 @@ import numpy as np
 
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import Side
-from scoring.signals import DoorSample, HandleSample
+from scoring.signals import DoorSample, HandleSample, Sample
 from tests.scoring.clean_run import (
     RATE,
     Fault,
@@ -42,19 +42,24 @@ def force_spike(at: float, value: float) -> Fault:
 
 
 def some_lost(part: float) -> Fault:
-    random = np.random.RandomState(3)
-    return door_fault(lambda _, angle: None if random.random_sample() < part else angle)
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        random = np.random.RandomState(3)  # the same ones each time
+        losing = door_fault(lambda _, angle: None if random.random_sample() < part else angle)
+        return losing(samples)
+
+    return spoil
 
 
 def jittered(deviation: float) -> Fault:
-    random = np.random.RandomState(4)
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        normal = np.random.RandomState(4).standard_normal
+        moved = each(
+            DoorSample,
+            lambda _, s: DoorSample(s.time + float(deviation * normal()), s.log_time, s.angle),
+        )
+        return moved(samples)
 
-    return each(
-        DoorSample,
-        lambda _, s: DoorSample(
-            s.time + float(deviation * random.standard_normal()), s.log_time, s.angle
-        ),
-    )
+    return spoil
 
 
 def quivering(t: float, angle: float) -> float:
