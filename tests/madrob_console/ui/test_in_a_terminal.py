@@ -23,8 +23,7 @@ from scoring.protocol import Outcome
 from tests.madrob_console.engine.served import Served, simulated, start
 from tests.madrob_console.ui.driver import DEFAULTS, Shown
 from tests.madrob_console.ui.inline_engine import FOLDER
-from tests.terminal import Terminal
-from tests.tmux import Tmux
+from tests.terminal import Terminal, Tmux
 from tests.watching import until
 
 ROOT = Path(__file__).parents[3]

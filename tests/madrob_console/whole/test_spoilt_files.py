@@ -14,7 +14,6 @@ import pytest
 from madrob_console.archive.folders import JOURNAL_FILE, NUMBERS_FILE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
 from madrob_console.cli.repairing import repair_all
-from tests.madrob_console.archive.test_history import in_its_place
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import final
 from tests.slowly import slow_but_for
@@ -34,6 +33,14 @@ def flip_a_bit(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[len(content) // 3] ^= 4
     path.write_bytes(content)
+
+
+def in_its_place(make: Callable[[Path], object]) -> Callable[[Path], None]:
+    def replaced(path: Path) -> None:
+        path.unlink()
+        make(path)
+
+    return replaced
 
 
 KINDS: dict[str, Callable[[Path], object]] = {
