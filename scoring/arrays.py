@@ -10,19 +10,13 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from scoring.assessment import Assessment
-from scoring.kinematics import Array, Rows
-from scoring.protocol import (
-    SENSORS_PER_STRIP,
-    Condition,
-    Outcome,
-    ScoringError,
-    Strip,
-    Thresholds,
-)
+from scoring.kinematics import Array
+from scoring.protocol import SENSORS_PER_STRIP, Condition, Outcome, ScoringError, Strip, Thresholds
 from scoring.result import Ending, Result
+from scoring.rows import Rows
 from scoring.rulesets import RulesetName
 from scoring.rulesets import ruleset as ruleset_called
-from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,18 +15,21 @@ from functools import partial
 import numpy as np
 
 from scoring import indicators as pi
+from scoring.deciding_edges import DecidingEdge, EdgeKind
 from scoring.door_angle import DoorAngle
-from scoring.doubts import Grounds, all_doubts, by_indicator, edge_doubts, information
+from scoring.doubts import all_doubts, by_indicator, edge_doubts, information
 from scoring.events import EventDetector
+from scoring.grounds import Grounds
 from scoring.indicator_table import IndicatorName
-from scoring.kinematics import JointState, Rows, cut_rows, joint_state, process_rows
+from scoring.kinematics import JointState, joint_state
 from scoring.procedure import Procedure, Ruling, follow_procedure
 from scoring.protocol import Condition, Event, EventName, LockDetection, Outcome, Signal, Thresholds
 from scoring.quality import AGAINST_OPENING, Quality, QualityCounter
 from scoring.rest import RestForce, rest_force
 from scoring.result import Ending, EventRecord, Indicator, Result
+from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import PROTOCOL, Ruleset
-from scoring.signals import DecidingEdge, DoorSample, EdgeKind, HandleSample, Sample
+from scoring.samples import DoorSample, HandleSample, Sample
 from scoring.uncertainty import uncertainties
 
 _MOST_PROBLEMS = 20

@@ -11,6 +11,15 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
+from scoring.deciding_edges import (
+    DecidingEdge,
+    EdgeKind,
+    departure,
+    door_edges,
+    first_rise,
+    passage_edge,
+)
+from scoring.panel_angles import PanelAngles
 from scoring.protocol import (
     PASSAGE_SENSORS,
     Condition,
@@ -22,23 +31,10 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
-from scoring.quality import PanelAngles, all_in_range, is_reading
+from scoring.quality import all_in_range, is_reading
 from scoring.rulesets import PROTOCOL, Ruleset
-from scoring.signals import (
-    BinarySignal,
-    DecidingEdge,
-    DoorSample,
-    Edge,
-    EdgeKind,
-    HandleSample,
-    LatchSample,
-    PassageSample,
-    Sample,
-    departure,
-    door_edges,
-    first_rise,
-    passage_edge,
-)
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.signals import BinarySignal, Edge
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scoring.indicator_table import IndicatorName
-from scoring.kinematics import Rows
 from scoring.protocol import Condition, Event, EventName, Step
 from scoring.result import Indicator
+from scoring.rows import Rows
 from scoring.rulesets import CapabilityRule, ExecutionEnd, Ruleset
 
 Steps = AbstractSet[Step] | tuple[Step, ...]

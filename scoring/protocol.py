@@ -11,8 +11,6 @@ from dataclasses import dataclass, field
 from enum import Enum, IntEnum, StrEnum
 from typing import Any, Protocol, Self
 
-# The one root exception of `scoring`.
-
 
 class ScoringError(Exception):
     """An input to `scoring` cannot be used; the message names it and the remedy."""
@@ -448,9 +446,6 @@ class StartPose:
     @property
     def mirrored(self) -> StartPose:
         return StartPose(-self.x, self.y, math.remainder(180.0 - self.yaw, 360.0))
-
-
-# Tables that cannot miss a row: enums whose members are names with their rows.
 
 
 class Named(Protocol):

@@ -1,111 +1,16 @@
-"""How good the data of a run are; increasing stamps, and samples joined by them (sections 4, 8)."""
+"""The quality of a run's data: losses, gaps, jitter, clock steps (section 8)."""
 
 from __future__ import annotations
 
 import math
 from array import array
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from operator import attrgetter
-
-from msgspec.structs import replace
 
 from scoring.protocol import PASSAGE_SENSORS, SENSORS_PER_STRIP, Signal, Thresholds
-from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
-
-# Stamps that always increase (protocol section 8: duplicate or backward stamps, stepped clock).
-
-
-LARGEST_JUMP = 0.5
-"""A larger jump of stamp minus log time is a step of the publisher's clock, s."""
-
-_AHEAD = 0.1
-"""One stamp that jumps further ahead of its reception is wrong, if the next one does not, s."""
-
-_UNSTEADY = 2.0
-"""Lost messages explain a jump of stamps of up to so many intervals each."""
-
-KEPT_STEPS = 5
-"""Clock steps that are told; the others are counted."""
-
-
-class StampGuard:
-    """Admits the samples of one signal with increasing, step-free stamps.
-
-    A stamp that is missing (zero), repeats or goes back is dropped and counted. Where stamp
-    minus log time jumps by more than 0.5 s, later stamps are shifted back by the jump. One stamp
-    that is ahead of its neighbours on both sides, by over 0.1 s, is dropped. Messages
-    delivered late (log times jump, stamps go on) are not shifted, nor are those after a stamp that
-    stood still, or after lost messages that explain the jump. `steps` holds the first clock steps,
-    s, `step_count` counts all.
-    """
-
-    def __init__(self) -> None:
-        self.dropped = 0
-        self.shifted = 0
-        self.steps: list[float] = []
-        self.step_count = 0
-        self._shift = 0.0
-        self._newest: float | None = None
-        self._previous: Sample | None = None
-        self._newest_sample: Sample | None = None
-        self._reference = 0.0
-        self._interval = 0.0
-        self._ahead = False
-
-    def admit(self, sample: Sample) -> Sample | None:
-        """The sample with its stamp corrected; None when it is to be dropped."""
-        # one that was never set tells nothing of the publisher's clock
-        if sample.time == 0 or self._is_ahead(sample):
-            self.dropped += 1
-            return None
-        self._follow_clock(sample)
-        self._previous = sample
-        time = sample.time - self._shift
-        if self._newest is not None and time <= self._newest:
-            self.dropped += 1
-            return None
-        self._newest, self._newest_sample = time, sample
-        if self._shift == 0.0:
-            return sample
-        self.shifted += 1
-        return replace(sample, time=time)
-
-    def _is_ahead(self, sample: Sample) -> bool:
-        newest_sample = self._newest_sample
-        if newest_sample is None:
-            return False
-        jump = sample.time - newest_sample.time - (sample.log_time - newest_sample.log_time)
-        lost = 0 < newest_sample.sequence < sample.sequence - 1
-        self._ahead = _AHEAD < jump <= LARGEST_JUMP and not (lost or self._ahead)
-        return self._ahead
-
-    def _follow_clock(self, sample: Sample) -> None:
-        offset = sample.time - sample.log_time
-        previous = self._previous
-        if previous is None:
-            self._reference = offset
-            return
-        stamp_interval = sample.time - previous.time
-        lost = max(0, sample.sequence - previous.sequence - 1) if previous.sequence else 0
-        if abs(offset - self._reference) <= LARGEST_JUMP:
-            if stamp_interval != 0:  # a stamp that stands still is no clock that goes slow
-                self._reference = offset
-                self._interval = stamp_interval / (lost + 1)
-            return
-        log_interval = sample.log_time - previous.log_time
-        jump = stamp_interval - log_interval
-        delivered_late = log_interval > LARGEST_JUMP and 0 < stamp_interval < log_interval
-        if 0 < jump <= _UNSTEADY * lost * self._interval:
-            self._reference = offset
-        elif abs(jump) > LARGEST_JUMP and not delivered_late:
-            self._shift += jump
-            self._reference = offset
-            self.step_count += 1
-            if self.step_count <= KEPT_STEPS:
-                self.steps.append(jump)
-
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
+from scoring.stamps import KEPT_STEPS, StampGuard
 
 LARGEST_UNEVENNESS = 1 / 3
 """A larger jitter, as a part of the mean interval, gets a remark: a flood, several publishers."""
@@ -424,72 +329,3 @@ def is_reading(sample: PassageSample, element: int) -> bool:
         return False
     distance = sample.ranges[element]
     return sample.range_min <= distance <= sample.range_max or math.isinf(distance)
-
-
-# Joining passage samples with the door angle at their stamps, whichever comes first (section 4).
-
-
-LONGEST_WAIT = 0.25
-"""How long a passage sample waits for the door sample after it, s of arrival."""
-
-_KEPT = 4096
-"""Door samples that are kept at least: over a minute at 50 Hz."""
-
-_stamp = attrgetter("time")
-
-
-class PanelAngles:
-    """Passes each passage sample to `join` with the door angle at its stamp, rad.
-
-    The angle is linear between the door samples around the stamp. After `LONGEST_WAIT` without a
-    later one it is a guess, the last before it; before any door sample the door is closed.
-    `guesses` holds stamp (s since the epoch) and angle of each guess.
-    """
-
-    def __init__(self, join: Callable[[PassageSample, float], None]) -> None:
-        self.guesses = array("d")
-        self._join = join
-        self._waiting: list[PassageSample] = []
-        self._times: list[float] = []
-        self._angles: list[float] = []
-
-    def add_door(self, sample: DoorSample) -> None:
-        """Take the next door angle that is a reading; pass on what waited for it."""
-        if len(self._times) >= 2 * _KEPT:
-            del self._times[:_KEPT], self._angles[:_KEPT]
-        self._times.append(sample.time)
-        self._angles.append(sample.angle)
-        if self._waiting:
-            ready = [each for each in self._waiting if each.time <= sample.time]
-            self._waiting = [each for each in self._waiting if each.time > sample.time]
-            self._hand_on(ready)
-
-    def add_passage(self, sample: PassageSample) -> None:
-        if self._times and sample.time <= self._times[-1]:
-            self._join(sample, self._at(sample.time))
-        else:
-            self._waiting.append(sample)
-
-    def end_waits(self, now: float) -> None:
-        """Pass on samples that waited too long at log time `now`, s since the epoch; inf = all."""
-        if self._waiting and self._waiting[0].log_time + LONGEST_WAIT < now:
-            late = [each for each in self._waiting if each.log_time + LONGEST_WAIT < now]
-            self._waiting = self._waiting[len(late) :]
-            for sample in late:
-                self.guesses.extend((sample.time, self._at(sample.time)))
-            self._hand_on(late)
-
-    def _hand_on(self, samples: list[PassageSample]) -> None:
-        for sample in sorted(samples, key=_stamp):
-            self._join(sample, self._at(sample.time))
-
-    def _at(self, time: float) -> float:
-        times, angles = self._times, self._angles
-        after = bisect_left(times, time)
-        if after == len(times):
-            return angles[-1] if angles else 0.0
-        if after == 0:
-            return angles[0]
-        since, until = times[after - 1], times[after]
-        before = angles[after - 1]
-        return before + (angles[after] - before) * (time - since) / (until - since)

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scoring.assessment import Assessment, completed_by_settling
-from scoring.kinematics import Array, Rows
+from scoring.kinematics import Array
 from scoring.procedure import Ruling
 from scoring.protocol import PASSAGE_SENSORS
 from scoring.quality import is_reading
 from scoring.result import Ending
-from scoring.signals import LatchSample, PassageSample, Sample
+from scoring.rows import Rows
+from scoring.samples import LatchSample, PassageSample, Sample
 
 _PLACES = {sensor: place for place, sensor in enumerate(PASSAGE_SENSORS)}
 _UNKNOWN = -1

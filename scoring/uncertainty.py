@@ -1,8 +1,8 @@
-"""How far the values can be trusted: their uncertainty, by Monte Carlo (section 11, JCGM 101).
+"""The uncertainty of the values, by Monte Carlo (section 11, JCGM 101).
 
 Each draw is an error: what a sensor that samples at other instants, with other noise, makes of
-the motion that was seen, less that motion. The draws are the same each time: their seed is a
-digest of the recorded samples.
+the motion that was seen, less that motion. First come errors of times, then of the motion and of
+the force. The draws are the same each time: their seed is a digest of the recorded samples.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.doubts import LONGEST_SHIFT, Grounds
+from scoring.deciding_edges import DecidingEdge, EdgeKind
+from scoring.doubts import LONGEST_SHIFT
+from scoring.grounds import Grounds
 from scoring.indicator_table import IndicatorName as Name
 from scoring.indicators import SMOOTHNESS_SCALE
 from scoring.kinematics import (
@@ -33,7 +35,6 @@ from scoring.kinematics import (
 from scoring.protocol import Event, EventName, Signal
 from scoring.result import Indicator, Uncertainty
 from scoring.rulesets import Ruleset
-from scoring.signals import DecidingEdge, EdgeKind
 
 DRAWS = 200
 
@@ -120,9 +121,6 @@ def _spread_evenly(random: np.random.RandomState, columns: int) -> Array:
     return shares
 
 
-# ---------------------------------------------------------------------------------- times
-
-
 def _times(
     grounds: Grounds, indicators: Values, times: Callable[[Sequence[Event]], Values]
 ) -> dict[Name, Uncertainty | None]:
@@ -202,9 +200,6 @@ def _looked_at(events: Sequence[Event]) -> Iterator[Event]:
     for name, event in last.items():
         if name is not EventName.DOOR_OPENS:
             yield event
-
-
-# ---------------------------------------------------------------------------------- motion
 
 
 def _motion(
@@ -374,9 +369,6 @@ class _Curve:
             highest = (self.rises / self.bends + 0.5).clip(0, 1)
         parts = np.where(self.bends > 0, highest, self.rises > 0)
         return float(self.at(parts).max(initial=0.0))
-
-
-# ---------------------------------------------------------------------------------- force
 
 
 def _roughness(grounds: Grounds, random: np.random.RandomState) -> Array:

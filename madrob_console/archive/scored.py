@@ -38,10 +38,11 @@ from scoring.assessment import Assessment
 from scoring.eurobench.published import evaluate_published
 from scoring.eurobench.run_files import EurobenchRun, read_run
 from scoring.eurobench.run_info import numbers_of
-from scoring.kinematics import Rows, load_filters
+from scoring.kinematics import load_filters
 from scoring.protocol import Outcome, ScoringError, Step
 from scoring.quality import AGAINST_OPENING
 from scoring.result import Result
+from scoring.rows import Rows
 from scoring.rulesets import PROTOCOL, RulesetName, ruleset
 from scoring.series import SeriesAssessment, WholeSeries
 

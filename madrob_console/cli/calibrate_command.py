@@ -85,7 +85,7 @@ def _handle(arguments: argparse.Namespace) -> int:
             level_of,
         )
         from madrob_console.config import load_settings
-        from scoring.calibration.masks import propose_handle
+        from scoring.calibration.handle_scale import propose_handle
 
     mapping = handle_mapping(load_settings(arguments.settings))
     paths = (arguments.rest, arguments.weight)

@@ -18,9 +18,9 @@ from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.pages.related_runs import RelatedRuns
-    from scoring.kinematics import Rows
     from scoring.protocol import Condition
     from scoring.result import Result
+    from scoring.rows import Rows
 
 NamedFile: TypeAlias = tuple[Path, bytes]
 

@@ -13,18 +13,11 @@ from madrob_console.config.settings import toml_value
 from madrob_console.messages.codec import Decoder, TopicMapping
 from madrob_console.messages.message_types import MessageError, MessageTypes
 from recorder.reader import Bag
-from scoring.calibration.masks import (
-    HandleProposal,
-    MaskProposal,
-    SteadyForce,
-    Sweep,
-    SweepLog,
-    propose_masks,
-    sensor_name,
-)
+from scoring.calibration.handle_scale import HandleProposal, SteadyForce
+from scoring.calibration.masks import MaskProposal, Sweep, SweepLog, propose_masks, sensor_name
 from scoring.protocol import ScoringError, Side, Signal, Strip
-from scoring.quality import StampGuard
-from scoring.signals import HandleSample, Sample
+from scoring.samples import HandleSample, Sample
+from scoring.stamps import StampGuard
 
 _SWEPT = (Signal.DOOR, *(Signal.of_strip(strip) for strip in Strip))
 

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from scoring.kinematics import Rows
     from scoring.result import Result
+    from scoring.rows import Rows
 
     Array = NDArray[np.float64]
 

@@ -44,7 +44,8 @@ from madrob_console.referee.run_summary import RunSummary
 from recorder.attachments import FileEnding, attach
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
 from recorder.survey import listing
-from scoring.eurobench.run_files import LARGEST_TABLE, parse_table
+from scoring.eurobench.csv_table import parse_table
+from scoring.eurobench.run_files import LARGEST_TABLE
 from scoring.protocol import ScoringError
 
 EXPORTS_FOLDER = "exports"

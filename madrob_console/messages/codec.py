@@ -35,7 +35,7 @@ from madrob_console.messages.message_types import (
 from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, STRIPS, TopicMapping
 from recorder.bag import Durability, Qos, RawMessage, Topic
 from scoring.protocol import SENSORS_PER_STRIP, Signal, StartPose
-from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 # The stamp of a message, read from its first bytes.
 

@@ -15,9 +15,9 @@ from madrob_console.common.names import terminal_safe
 from madrob_console.pages.templates import render
 from scoring.figure_table import Quantity
 from scoring.figures.run_drawings import passage_figure
-from scoring.kinematics import Rows
 from scoring.protocol import Condition
 from scoring.result import Result
+from scoring.rows import Rows
 
 _DECIMALS = 5  # of s, rad and N: more than any sensor has
 

@@ -1,4 +1,4 @@
-"""Calibration of a new testbed: masks from a swept door, the handle's scale (sections 3, 4).
+"""The masks of a new testbed, from a swept door (protocol section 4).
 
 The panel is swung through its range on both sides with nobody near. What a sensor then sees other
 than the floor is the panel; its mask begins and ends well outside of that.
@@ -7,12 +7,13 @@ than the floor is the panel; its mask begins and ends well outside of that.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scoring.calibration.handle_scale import LOST_PART
 from scoring.protocol import (
     PASSAGE_SENSORS,
     PassageSensor,
@@ -22,107 +23,9 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
-from scoring.quality import StampGuard, is_reading
-from scoring.signals import DoorSample, PassageSample, Sample
-
-# Zero and scale of the handle's force, from a rest and a known weight (protocol section 3).
-
-
-GRAVITY = 9.80665
-
-_LEAST_FORCE_SAMPLES = 50
-_LEAST_TIME = 1.0  # s
-_LOST_PART = 0.1
-_LARGEST_DRIFT = 0.02  # of the difference between rest and weight
-_LARGEST_NOISE = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class SteadyForce:
-    """A force that stood still for a while, in the published unit.
-
-    `duration` is in s, `noise` the standard deviation about a line that goes `drift` in all.
-    """
-
-    name: str
-    samples: int
-    duration: float
-    median: float
-    noise: float
-    drift: float
-
-    @classmethod
-    def of(cls, name: str, times: Sequence[float], values: Sequence[float]) -> SteadyForce:
-        """The level of published values, NaN = no reading; `ScoringError` on too few readings."""
-        time, value = np.array(times, dtype=np.float64), np.array(values, dtype=np.float64)
-        read = np.isfinite(value)
-        lost = len(value) - int(np.count_nonzero(read))
-        if lost > _LOST_PART * len(value):
-            raise ScoringError(f"{name}: {lost} of {len(value)} forces are no numbers: mend that")
-        time, value = time[read], value[read]
-        duration = float(time[-1] - time[0]) if len(time) else 0.0
-        if len(time) < _LEAST_FORCE_SAMPLES or duration < _LEAST_TIME:
-            raise ScoringError(
-                f"{name}: {len(time)} forces in {duration:.1f} s are too few: record at least "
-                f"{_LEAST_FORCE_SAMPLES} of them in some seconds"
-            )
-        since = time - time.mean()
-        slope = float(since @ value / (since @ since))
-        noise = float(np.std(value - slope * since))
-        return cls(name, len(time), duration, float(np.median(value)), noise, slope * duration)
-
-
-@dataclass(frozen=True, slots=True)
-class HandleProposal:
-    """Newtons are `published * scale + offset`; `zero` is published at rest."""
-
-    scale: float
-    zero: float
-    rest: SteadyForce
-    weight: SteadyForce
-
-    @property
-    def offset(self) -> float:
-        """N to be added after scaling, so that the rest is 0."""
-        return -self.zero * self.scale
-
-
-def propose_handle(
-    rest: SteadyForce, weight: SteadyForce, mass: float, towards: Side
-) -> HandleProposal:
-    """Zero and scale from a weight of `mass` kg.
-
-    Raises:
-        ScoringError: the mass is none, the force is not steady, or the weight hardly shows.
-    """
-    if not 0 < mass < math.inf:
-        raise ScoringError(f"a mass of {mass:g} kg: give the weight's mass, more than 0")
-    difference = weight.median - rest.median
-    if difference == 0:
-        raise ScoringError("rest and weight read the same: check the load cell and its topic")
-    for level in sorted((rest, weight), key=lambda level: -level.noise):
-        _check_steady(level, abs(difference))
-    scale = towards.sign * mass * GRAVITY / difference
-    if not math.isfinite(scale) or scale == 0:
-        raise ScoringError(f"a mass of {mass:g} kg gives no scale: correct it")
-    return HandleProposal(scale, rest.median, rest, weight)
-
-
-def _check_steady(level: SteadyForce, difference: float) -> None:
-    if level.noise > _LARGEST_NOISE * difference:
-        raise ScoringError(
-            f"{level.name}: a noise of {level.noise:.3g} is too much for a difference of "
-            f"{difference:.3g} between rest and weight: keep it still, or take a heavier weight"
-        )
-    if abs(level.drift) > _LARGEST_DRIFT * difference:
-        raise ScoringError(
-            f"{level.name}: a drift of {level.drift:+.3g} in {level.duration:.1f} s is too much "
-            f"for a difference of {difference:.3g} between rest and weight: wait until it is steady"
-        )
-
-
-# Recordings of a swept door: each passage sensor's readings by door angle.
-
+from scoring.quality import is_reading
+from scoring.samples import DoorSample, PassageSample, Sample
+from scoring.stamps import StampGuard
 
 Numbers = NDArray[np.float64]
 
@@ -215,9 +118,6 @@ def _angle_at(time: Numbers, door: Numbers, largest_gap: float) -> Numbers:
     outside = (time < stamps[0]) | (time > stamps[-1])
     gap = stamps[after] - stamps[after - 1] > largest_gap
     return np.where(outside | gap, np.nan, np.interp(time, stamps, angles))
-
-
-# The view of one passage sensor while the door is swept.
 
 
 _LEAST_READINGS = 10
@@ -425,7 +325,7 @@ def propose_masks(sweep: Sweep, thresholds: Thresholds) -> MaskProposal:
 
 
 def _check_door(angles: Numbers, lost: int) -> None:
-    if lost > _LOST_PART * (len(angles) + lost):
+    if lost > LOST_PART * (len(angles) + lost):
         raise ScoringError(
             f"{lost} of {len(angles) + lost} door angles are no numbers: mend the encoder"
         )
@@ -441,7 +341,7 @@ def _check_door(angles: Numbers, lost: int) -> None:
 
 def _unread(sensor: PassageSensor, swept: Swept) -> str | None:
     count = len(swept.angle) + swept.lost
-    if swept.lost > _LOST_PART * count:
+    if swept.lost > LOST_PART * count:
         return f"{sensor_name(sensor)}: {swept.lost} of {count} samples are no reading: mend it"
     if len(swept.angle) < _LEAST_SAMPLES:
         return f"{sensor_name(sensor)}: {len(swept.angle)} readings are too few: record them, too"

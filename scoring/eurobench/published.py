@@ -15,11 +15,11 @@ from scoring.eurobench.run_files import EurobenchRun, door_stays_closed, recorde
 from scoring.events import Evidence
 from scoring.indicator_table import IndicatorName
 from scoring.indicators import compute_indicators
-from scoring.kinematics import Rows, cut_rows, process_rows
 from scoring.procedure import Procedure, follow_procedure
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Thresholds
 from scoring.quality import Quality
 from scoring.result import Ending, EventRecord, Result
+from scoring.rows import Rows, cut_rows, process_rows
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset, RulesetName
 from scoring.rulesets import ruleset as ruleset_called
 from scoring.signals import Edge

@@ -96,9 +96,6 @@ def condition_from(mapping: Mapping[str, object], name: str) -> Condition:
     return Condition(BenchmarkType(kind), Side(opening.lower()), Side(starting.lower()))
 
 
-# How EUROBENCH names the files of a run (protocol section 10).
-
-
 _RUN_FILE = re.compile(
     r"(subject_([0-9]{1,9})_cond_([0-9]{1,9})_run_([0-9]{1,9}))_(event|jointState|wrench)\.csv"
 )

@@ -17,18 +17,16 @@ from matplotlib.figure import Figure
 from matplotlib.typing import LineStyleType
 
 from scoring.figure_table import EventMark
-from scoring.figures.run_drawings import (
-    GREY,
+from scoring.figures.event_labels import (
     LABEL_SIZE,
-    RED,
     EventLabel,
     Interval,
     inside,
     labels_of,
     rows_of,
-    stretches,
     text_width,
 )
+from scoring.figures.run_drawings import GREY, RED, stretches
 from scoring.kinematics import Array
 
 Events = Mapping[EventMark, Sequence[float]]

@@ -28,11 +28,13 @@ from scoring.figure_table import (
     marked_events,
 )
 from scoring.figures.drawing import Band, Panel, draw_sheet, largest_at
-from scoring.figures.run_drawings import BLUE, ORANGE, Interval, inside
+from scoring.figures.event_labels import Interval, inside
+from scoring.figures.run_drawings import BLUE, ORANGE
 from scoring.indicator_table import IndicatorName, unit_text
-from scoring.kinematics import Array, Rows
+from scoring.kinematics import Array
 from scoring.protocol import Condition, EventName, Outcome
 from scoring.result import Indicator, Result, value_text
+from scoring.rows import Rows
 
 _MARGIN = 0.5
 """What figures 3 and 4 show before and after the movement, s."""

@@ -1,98 +1,24 @@
-"""What drawings of a run show: labels of events, stretches of curves, passage lanes, phases.
+"""What drawings of a run show: curves without gaps, passage lanes, phases.
 
 Plain data without matplotlib.
 """
 
 from __future__ import annotations
 
-import itertools
 import statistics
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.figure_table import EventMark
+from scoring.figures.event_labels import Interval
 from scoring.indicator_table import IndicatorName
-from scoring.kinematics import Array, Rows
+from scoring.kinematics import Array
 from scoring.protocol import PASSAGE_SENSORS, Condition, EventName, PassageSensor, Side, Step
 from scoring.result import Result
-
-# Where the names of events stand above a figure, so that none runs into another one.
-#
-# Lengths are in points.
-
-
-Interval = tuple[float, float]
-"""From and to, s."""
-
-LABEL_SIZE = 9.5
-
-_LETTER = 0.586  # a letter's width on average, and a bit more, of its size
-
-
-@dataclass(frozen=True, slots=True)
-class EventLabel:
-    """A label above the panels; its line and left end are measured from the axes' left."""
-
-    text: str
-    time: float
-    line: float
-    left: float
-
-    @property
-    def right(self) -> float:
-        return self.left + text_width(self.text)
-
-
-def labels_of(
-    events: Mapping[EventMark, Sequence[float]], window: Interval, width: float, beyond: float
-) -> list[EventLabel]:
-    """One label for each kind of event in the window: of its first time, or a last closing.
-
-    Times are in s; `beyond` is the room for words to the right of the axes' `width`.
-    """
-    labels = []
-    for mark, times in events.items():
-        shown = inside(times, window)
-        if not shown:
-            continue
-        time = shown[-1 if mark is EventMark.CLOSING else 0]
-        text = str(mark)
-        if len(times) > 1:
-            text = f"{mark} {sorted(times).index(time) + 1} of {len(times)}"
-        line = width * (time - window[0]) / (window[1] - window[0])
-        labels.append(
-            EventLabel(text, time, line, min(line, width + beyond - text_width(text) - 2))
-        )
-    return labels
-
-
-def inside(times: Sequence[float], window: Interval) -> list[float]:
-    return sorted(time for time in times if window[0] <= time <= window[1])
-
-
-def rows_of(labels: Sequence[EventLabel]) -> tuple[int, ...]:
-    """The row of each label, so that no label or line runs through another one."""
-
-    def cost(rows: tuple[int, ...]) -> tuple[int, int, int]:
-        pairs = list(itertools.permutations(zip(labels, rows, strict=True), 2))
-        overlaps = sum(r == s and a.left < b.right and b.left < a.right for (a, r), (b, s) in pairs)
-        crossings = sum(r > s and b.left < a.line < b.right for (a, r), (b, s) in pairs)
-        return overlaps, crossings, sum(rows)
-
-    count = len(labels)
-    return min(itertools.product(range(count), repeat=count), key=cost)
-
-
-def text_width(text: str, size: float = LABEL_SIZE) -> float:
-    """At most what a text takes in letters of a size."""
-    return _LETTER * size * len(text)
-
-
-# Curves as stretches without gaps, thinned for drawing.
+from scoring.rows import Rows
 
 
 def stretches(
@@ -130,14 +56,10 @@ def _extremes(value: Array, most: int) -> NDArray[np.intp]:
     return np.unique(np.concatenate(extremes))
 
 
-# The colours of the figures, the protocol document's; a page puts its own in their place.
-
-
 ORANGE, BLUE, RED, GREY = "#d95f02", "#1f4e9e", "#c00000", "#555555"
 """Position, derived quantities, the data of the indicator, all the rest."""
 
 BAND = "#e0e0e0"
-
 
 _MARGIN = 1.0
 
@@ -248,9 +170,6 @@ def _runs(time: Array, true: NDArray[np.bool_]) -> Iterator[Interval]:
 def _sensor_name(sensor: PassageSensor) -> str:
     """`cw_right[3]`, as the protocol numbers them."""
     return f"{sensor.strip}[{sensor.element}]"
-
-
-# Where the time of a run went: its phases.
 
 
 class TimedPhase(Enum):

@@ -16,11 +16,11 @@ from madrob_console.testbeds.simulated.sensor_model import (
     SensorSettings,
 )
 from scoring.assessment import Assessment
-from scoring.kinematics import Rows
 from scoring.protocol import Condition, LockDetection, Outcome, Signal, Strip, Thresholds
 from scoring.result import Ending, Result
+from scoring.rows import Rows
 from scoring.rulesets import PROTOCOL, Ruleset
-from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.madrob_console.robots import Played, plan_run
 
 START = 1_700_000_000.0

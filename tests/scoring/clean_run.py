@@ -25,7 +25,7 @@ from scoring.protocol import (
 )
 from scoring.result import Ending, Result
 from scoring.rulesets import PROTOCOL, Ruleset
-from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.scoring.runs import CONDITION, START
 
 S = TypeVar("S", bound=Sample)

@@ -8,7 +8,7 @@ import numpy as np
 
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import Side
-from scoring.signals import DoorSample, HandleSample, Sample
+from scoring.samples import DoorSample, HandleSample, Sample
 from tests.scoring.clean_run import (
     RATE,
     Fault,

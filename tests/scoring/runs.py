@@ -18,7 +18,7 @@ from scoring.protocol import (
 )
 from scoring.rest import HandleRest
 from scoring.rulesets import PROTOCOL, Ruleset
-from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 START = 1_000_000.0
 CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)

@@ -14,7 +14,7 @@ from scoring.indicator_table import IndicatorName
 from scoring.kinematics import Array
 from scoring.protocol import Outcome, Signal, Strip
 from scoring.rulesets import ruleset
-from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 from tests.scoring.clean_run import BY_EVENT, TIMEOUT, clean, scored
 from tests.scoring.runs import CONDITION, START
 

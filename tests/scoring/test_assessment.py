@@ -21,8 +21,8 @@ from scoring.protocol import (
 )
 from scoring.result import Ending, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from scoring.series import PassageSeries, SeriesAssessment
-from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
 from tests.scoring.clean_run import clean, scored
 from tests.scoring.runs import (
     CONDITION,

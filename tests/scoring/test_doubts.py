@@ -15,7 +15,7 @@ from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import Side, Thresholds
 from scoring.result import Indicator, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
-from scoring.signals import DoorSample, PassageSample, Sample
+from scoring.samples import DoorSample, PassageSample, Sample
 from tests.scoring.clean_run import (
     RATE,
     Fault,

@@ -27,7 +27,8 @@ from scoring.protocol import (
 )
 from scoring.result import Ending
 from scoring.rulesets import EUROBENCH_2020
-from scoring.signals import BinarySignal, Held, PassageSample, Sample
+from scoring.samples import PassageSample, Sample
+from scoring.signals import BinarySignal, Held
 from tests.scoring.runs import (
     CONDITION,
     START,

@@ -11,7 +11,7 @@ import pytest
 from scoring.assessment import Assessment
 from scoring.procedure import Procedure, Ruling
 from scoring.protocol import LockDetection, Side, Step
-from scoring.signals import Sample
+from scoring.samples import Sample
 from tests.scoring.runs import (
     CONDITION,
     START,

@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from scoring.protocol import Outcome, Signal, Thresholds
-from scoring.quality import KEPT_STEPS, QualityCounter, SignalQuality, StampGuard
+from scoring.quality import QualityCounter, SignalQuality
 from scoring.rest import HandleRest, RestForce, moved, rest_force, rest_of
 from scoring.result import Ending
-from scoring.signals import DoorSample
+from scoring.samples import DoorSample
+from scoring.stamps import KEPT_STEPS, StampGuard
 from tests.scoring.runs import START, assessment, handle, passage_through
 
 PERIOD = 0.02

@@ -18,7 +18,7 @@ from recorder.bag import RawMessage
 from scoring.events import EventDetector
 from scoring.procedure import Procedure, Ruling
 from scoring.protocol import Event, EventName, Outcome, Step
-from scoring.signals import Sample
+from scoring.samples import Sample
 
 IN_FLIGHT = 0.1
 """A timeout is judged this much later, s: all earlier measurements have arrived by then."""

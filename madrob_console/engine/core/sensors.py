@@ -33,7 +33,7 @@ from scoring.protocol import (
 )
 from scoring.quality import all_in_range, is_reading
 from scoring.rest import FEWEST_SAMPLES, HandleRest, rest_of
-from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 
 # The course of a signal, for the screens.
 

@@ -23,7 +23,8 @@ from madrob_console.config import Settings, parse_settings
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import Reading, Scene, SensorSettings
-from scoring.calibration.masks import GRAVITY, HandleProposal, MaskProposal, PanelView, SteadyForce
+from scoring.calibration.handle_scale import GRAVITY, HandleProposal, SteadyForce
+from scoring.calibration.masks import MaskProposal, PanelView
 from scoring.protocol import PASSAGE_SENSORS, Side, Signal
 from tests.madrob_console.calibration_bags import record, record_handle, record_sweep, swing
 from tests.madrob_console.cli.typed import Madrob

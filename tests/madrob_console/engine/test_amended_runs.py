@@ -52,10 +52,10 @@ from madrob_console.referee.run_summary import RunSummary
 from madrob_console.testbeds.simulated import Scenario
 from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName
-from scoring.kinematics import Rows
 from scoring.procedure import Ruling
 from scoring.protocol import BenchmarkType, Condition, Side, Step
 from scoring.result import Ending, Result, Uncertainty
+from scoring.rows import Rows
 from tests.madrob_console.engine.drive import PULL, Deck, Drive, document, make_setup, signed
 from tests.madrob_console.recorded_runs import appealed, completed, publish, recorded
 

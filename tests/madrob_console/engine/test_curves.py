@@ -19,13 +19,14 @@ from madrob_console.engine.requests import (
 from madrob_console.testbeds.simulated import Scenario
 from scoring.figure_table import Quantity
 from scoring.indicator_table import IndicatorName
-from scoring.kinematics import JointState, Rows
+from scoring.kinematics import JointState
 from scoring.procedure import StepRecord
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Step, Thresholds
 from scoring.quality import Quality
 from scoring.result import Ending, EventRecord, Indicator, Result
+from scoring.rows import Rows
 from scoring.rulesets import RulesetName
-from scoring.signals import Sample
+from scoring.samples import Sample
 from tests.madrob_console.recorded_runs import recorded
 from tests.scoring import runs
 from tests.scoring.runs import assessment, door, handle

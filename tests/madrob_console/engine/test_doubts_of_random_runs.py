@@ -28,7 +28,7 @@ from recorder.reader import Bag
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import BenchmarkType, Condition, Event, EventName, Outcome, Side, Signal
 from scoring.result import Ending, EventRecord, Result
-from scoring.signals import DoorSample, HandleSample, Sample
+from scoring.samples import DoorSample, HandleSample, Sample
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.robots import EVERY, Played, Robot, openings
 from tests.madrob_console.testbeds.truth import truth_of_testbed

@@ -38,7 +38,7 @@ from scoring.protocol import (
     Side,
     Strip,
 )
-from scoring.signals import DoorSample
+from scoring.samples import DoorSample
 from tests.madrob_console.engine.test_sensor_values import (
     KIND,
     NOW,

@@ -42,7 +42,7 @@ from madrob_console.testbeds.simulated import Scenario
 from madrob_console.ui.panes.result_pane import ResultHead
 from scoring.protocol import Condition, Signal, Step, Strip
 from scoring.rulesets import RulesetName
-from scoring.signals import DoorSample, HandleSample, PassageSample
+from scoring.samples import DoorSample, HandleSample, PassageSample
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.scored_elsewhere import (
     Referee,

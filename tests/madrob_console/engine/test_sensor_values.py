@@ -24,7 +24,7 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
-from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 NOW = 1_700_000_000.0
 

@@ -6,7 +6,7 @@ import pickle
 
 from madrob_console.engine.runtime.worker_questions import question_parts
 from scoring.assessment import Assessment
-from scoring.signals import DoorSample, HandleSample
+from scoring.samples import DoorSample, HandleSample
 from tests.madrob_console.engine.drive import PULL
 
 

@@ -30,7 +30,7 @@ from madrob_console.messages.message_types import (
 from madrob_console.messages.topic_mapping import LARGEST_READ
 from recorder.bag import Durability, RawMessage, Topic
 from scoring.protocol import Signal, StartPose, Strip
-from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 BOOL, STRING = "std_msgs/msg/Bool", "std_msgs/msg/String"
 JOINTS, SCAN = "sensor_msgs/msg/JointState", "sensor_msgs/msg/LaserScan"

@@ -23,7 +23,7 @@ from madrob_console.testbeds.simulated.testbed import parse_state
 from madrob_console.testbeds.simulated_node import refusal, serve_testbed
 from recorder.bag import RawMessage
 from scoring.protocol import BenchmarkType, Condition, Side, Signal, StartPose
-from scoring.signals import HandleSample, Sample
+from scoring.samples import HandleSample, Sample
 from tests.madrob_console import said
 from tests.madrob_console.ros_peer import Peer, Taker, source
 from tests.watching import PATIENCE, until

@@ -30,7 +30,7 @@ from scoring.protocol import (
     StartPose,
     Thresholds,
 )
-from scoring.signals import DoorSample, HandleSample, LatchSample, PassageSample
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample
 from tests.madrob_console import said
 from tests.madrob_console.robots import Played, Robot, any_testbed, is_clear_cut
 from tests.madrob_console.testbeds.truth import STEP, Truth, truth_of_testbed

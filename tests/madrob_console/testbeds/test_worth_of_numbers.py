@@ -22,7 +22,7 @@ from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import Signal, Thresholds
 from scoring.result import Indicator, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
-from scoring.signals import DoorSample, HandleSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.madrob_console.robots import Played, Robot
 from tests.madrob_console.sampled_runs import (
     EXACT,

@@ -10,20 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from scoring.calibration.handle_scale import GRAVITY, SteadyForce, propose_handle
 from scoring.calibration.masks import (
-    GRAVITY,
     LEAST_SWEEP,
     MaskProposal,
     Numbers,
-    SteadyForce,
     Sweep,
     SweepLog,
     Swept,
-    propose_handle,
     propose_masks,
 )
 from scoring.protocol import PASSAGE_SENSORS, PassageSensor, ScoringError, Side, Strip, Thresholds
-from scoring.signals import DoorSample, PassageSample
+from scoring.samples import DoorSample, PassageSample
 
 FLOOR, PANEL = 2.3, 0.35
 STEP = 0.004

@@ -28,10 +28,10 @@ from scoring.figures.run_drawings import (
     stretches,
 )
 from scoring.indicator_table import IndicatorName, unit_text
-from scoring.kinematics import Rows
 from scoring.protocol import PASSAGE_SENSORS, Outcome, Side, Step
 from scoring.result import Ending, Result, Uncertainty, value_text
-from scoring.signals import Sample
+from scoring.rows import Rows
+from scoring.samples import Sample
 from tests.scoring.runs import CONDITION, START, assessment, clear, door, handle, under
 
 Array = NDArray[np.float64]
