@@ -243,9 +243,6 @@ def _dump(value: object) -> str:
         return yaml.safe_dump(value, sort_keys=False, allow_unicode=True)
 
 
-# One message as it came over the wire.
-
-
 class RawMessage(msgspec.Struct, frozen=True, gc=False):
     """A serialised message, as every source yields it and a bag stores it.
 

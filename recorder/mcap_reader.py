@@ -12,14 +12,12 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import BinaryIO, TypeAlias
 
-import lz4.frame  # type: ignore[import-untyped]
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
@@ -37,135 +35,9 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC
 
-from recorder.bag import Qos, Topic, parse_qos
-
-# The content of one chunk: whole, damaged, or cut off.
-#
-# A whole chunk is believed if its size and its checksum are right. A cut one has lost its end, so
-# no checksum can tell; what comes before the cut is what was written.
-
-
-RECORD_LIMIT = 128 * 1024 * 1024
-"""The most bytes a record or a chunk may have, decompressed; rosbag2 makes chunks of 0.75 MiB."""
-
-_HEAD = struct.Struct("<QQQII")  # first time, last time, size, checksum, length of a name
-_SIZE = struct.Struct("<Q")
-_NAME_LIMIT = 32
-_LZ4_PIECE = 64 * 1024
-_ZSTD_STEP = 256
-"""Bytes per step: they are at most 64 blocks, which unpack to 128 KiB each."""
-
-_SECTOR = 512
-
-
-@dataclass(frozen=True, slots=True)
-class ChunkContent:
-    """Records of a chunk; of a cut chunk those before the cut and a part of the next one.
-
-    `problem` says why that is not all, as the end of a sentence; else None. `foreign`: the chunk
-    may be whole, but this reader cannot decompress it.
-    """
-
-    records: bytes
-    problem: str | None
-    foreign: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class _Packed:
-    size: int
-    checksum: int
-    compression: str
-    data: bytes
-    data_size: int
-
-
-def unpack(body: bytes) -> ChunkContent:
-    """Decompress a chunk record's body, or what is left of it.
-
-    Memory is taken as the content grows, never for what the chunk claims.
-    """
-    try:
-        packed = _parse_chunk(body)
-    except (struct.error, ValueError):
-        return ChunkContent(b"", "is damaged")
-    if packed.size > RECORD_LIMIT:
-        return ChunkContent(b"", f"claims {packed.size} bytes")
-    if packed.compression not in _UNPACKERS:
-        words = f"has the unknown compression {packed.compression!r}"
-        return ChunkContent(b"", words, foreign=True)
-    content = _decompress(packed, packed.data)
-    cut = len(packed.data) < packed.data_size
-    problem = "is cut off" if cut else _mistake(packed, content)
-    if problem is None:
-        return ChunkContent(content, None)
-    # A power cut leaves sectors of zeros where data never came to the disk.
-    solid = packed.data.rstrip(b"\0")
-    if len(packed.data) - len(solid) >= _SECTOR:
-        content, cut = _decompress(packed, solid), True
-    return ChunkContent(content[: packed.size] if cut else b"", problem)
-
-
-def _parse_chunk(body: bytes) -> _Packed:
-    _, _, size, checksum, name_length = _HEAD.unpack_from(body)
-    if name_length > _NAME_LIMIT:
-        raise ValueError
-    start = _HEAD.size + name_length
-    name = body[_HEAD.size : start].decode()
-    (data_size,) = _SIZE.unpack_from(body, start)
-    start += _SIZE.size
-    return _Packed(size, checksum, name, body[start : start + data_size], data_size)
-
-
-def _mistake(packed: _Packed, content: bytes) -> str | None:
-    if len(content) != packed.size:
-        return "cannot be decompressed to the size that it claims"
-    if packed.checksum and zlib.crc32(content) != packed.checksum:
-        return "has a wrong checksum"
-    return None
-
-
-def _decompress(packed: _Packed, data: bytes) -> bytes:
-    pieces: list[bytes] = []
-    size = 0
-    try:
-        for piece in _UNPACKERS[packed.compression](data):
-            pieces.append(piece)
-            size += len(piece)
-            if size > packed.size:
-                break
-    except (zstandard.ZstdError, RuntimeError):  # lz4 has no error of its own
-        pass
-    return b"".join(pieces)
-
-
-def _plain(data: bytes) -> Iterator[bytes]:
-    yield data
-
-
-def _zstd(data: bytes) -> Iterator[bytes]:
-    decompressor = zstandard.ZstdDecompressor().decompressobj()
-    for start in range(0, len(data), _ZSTD_STEP):
-        if decompressor.eof:
-            return
-        yield decompressor.decompress(data[start : start + _ZSTD_STEP])
-
-
-def _lz4(data: bytes) -> Iterator[bytes]:
-    decompressor = lz4.frame.LZ4FrameDecompressor()
-    while not decompressor.eof:
-        piece = decompressor.decompress(data, max_length=_LZ4_PIECE)
-        data = b""
-        if not piece and decompressor.needs_input:
-            return
-        yield piece
-
-
-_UNPACKERS = {"": _plain, "zstd": _zstd, "lz4": _lz4}
-
+from recorder.chunks import CHUNK_HEAD, RECORD_LIMIT, ChunkContent, unpack
 
 FRAME = struct.Struct("<BQ")
 """The head of a record: its opcode, and its length in bytes."""
@@ -372,9 +244,9 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
         places.clear()
         with suppress(DamageError):
             size = file.seek(0, io.SEEK_END)
-            for frame in frames_of(file, len(MCAP0_MAGIC), size, _CHUNKS, most=_HEAD.size):
-                if len(frame.body) == _HEAD.size:
-                    begin_ns, end_ns, *_ = _HEAD.unpack_from(frame.body)
+            for frame in frames_of(file, len(MCAP0_MAGIC), size, _CHUNKS, most=CHUNK_HEAD.size):
+                if len(frame.body) == CHUNK_HEAD.size:
+                    begin_ns, end_ns, *_ = CHUNK_HEAD.unpack_from(frame.body)
                     places[frame.offset] = ChunkPlace(frame.offset, begin_ns, end_ns)
     return sorted(places.values(), key=lambda place: place.offset)
 
@@ -470,130 +342,3 @@ def parse(frame: StoredRecord) -> McapRecord:
     except (McapError, struct.error, ValueError, OverflowError):
         raise DamageError(f"the record at byte {frame.offset} is damaged", frame.offset) from None
     return record
-
-
-# The schemas, channels and metadata records of one file, and the topics that they make.
-
-
-CATALOGUE_LIMIT = 16 * 1024 * 1024
-"""The most bytes of types, channels and records; those of a run have some 50 KiB."""
-
-TOPIC_LIMIT = 1000
-"""The most channels; a run has some twenty."""
-
-QOS_LIMIT = 256 * 1024
-"""The most bytes of differing QoS texts; a publisher's has about 400, and most are equal."""
-
-_SHOWN = 80
-
-
-class Catalogue:
-    """Gathers the records of a file in any order, within a bag's limits."""
-
-    def __init__(self, records: Iterable[McapRecord] = ()) -> None:
-        self.records: dict[str, dict[str, str]] = {}
-        self.statistics: Statistics | None = None
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._by_channel: dict[int, Topic] = {}
-        self._qos: dict[str, Qos] = {}
-        self._qos_size = 0
-        self._size = 0
-        for record in records:
-            self.add_record(record)
-
-    def add_record(self, record: McapRecord) -> None:
-        """Records of other kinds are ignored. Raises DamageError beyond the limits."""
-        match record:
-            case Schema() if record.id not in self._schemas:
-                self._grow(len(record.data) + len(record.name) + len(record.encoding))
-                self._schemas[record.id] = record
-            case Channel() if record.id not in self._channels:
-                self._grow(len(record.topic) + _text_size(record.metadata))
-                if len(self._channels) == TOPIC_LIMIT:
-                    raise DamageError(f"it has more than {TOPIC_LIMIT} channels")
-                self._channels[record.id] = record
-            case Metadata():
-                self._grow(len(record.name) + _text_size(record.metadata))
-                self.records[record.name] = record.metadata
-            case Statistics():
-                self.statistics = record
-
-    @property
-    def whole(self) -> bool:
-        """Whether, taken from a summary, it is all that the file holds."""
-        return (
-            self.statistics is not None
-            and self.statistics.channel_count == len(self._channels)
-            and bool(self.records) == bool(self.statistics.metadata_count)
-            and all(channel.schema_id in self._schemas for channel in self._channels.values())
-        )
-
-    def channels_of(self, topic: str) -> set[int]:
-        return {number for number, channel in self._channels.items() if channel.topic == topic}
-
-    def topics(self, channel_ids: Iterable[int] | None = None) -> list[Topic]:
-        """Of some channels, or all. Raises ForeignError if one is not of ROS 2."""
-        topics = []
-        for channel_id in self._channels if channel_ids is None else channel_ids:
-            try:
-                topics.append(self.topic(channel_id))
-            except ForeignError:
-                raise
-            except DamageError:  # its messages cannot be read either, and then say so
-                continue
-        return topics
-
-    def topic(self, channel_id: int) -> Topic:
-        """Raises ForeignError if it is not of ROS 2, DamageError if it is not in the file."""
-        if channel_id not in self._by_channel:
-            self._by_channel[channel_id] = self._make_topic(channel_id)
-        return self._by_channel[channel_id]
-
-    def _make_topic(self, channel_id: int) -> Topic:
-        channel = self._channels.get(channel_id)
-        if channel is None:
-            raise DamageError(f"a message belongs to the unknown channel {channel_id}")
-        name = _shown(channel.topic)
-        if channel.message_encoding != MessageEncoding.CDR:
-            raise ForeignError(f"{name} holds {channel.message_encoding[:_SHOWN]!r}, not CDR")
-        schema = self._schemas.get(channel.schema_id)
-        if schema is None:
-            raise DamageError(f"the type of {name} is missing")
-        is_text = schema.encoding == SchemaEncoding.ROS2
-        return Topic(
-            channel.topic,
-            schema.name,
-            schema.data.decode(errors="replace") if is_text else "",
-            channel.metadata.get("topic_type_hash", ""),
-            self._parsed_qos(channel.metadata.get("offered_qos_profiles", "")),
-        )
-
-    def _parsed_qos(self, text: str) -> Qos:
-        if text not in self._qos:
-            self._qos_size += len(text)
-            if self._qos_size > QOS_LIMIT:
-                raise DamageError(f"its topics have more than {QOS_LIMIT} bytes of QoS")
-            self._qos[text] = parse_qos(text)
-        return self._qos[text]
-
-    def _grow(self, size: int) -> None:
-        self._size += size
-        if self._size > CATALOGUE_LIMIT:
-            raise DamageError(f"its types and records have more than {CATALOGUE_LIMIT} bytes")
-
-
-def _text_size(metadata: dict[str, str]) -> int:
-    return sum(len(key) + len(value) for key, value in metadata.items())
-
-
-def _shown(name: str) -> str:
-    return name if name.isprintable() and len(name) <= _SHOWN else repr(name[:_SHOWN])
-
-
-def read_outline(file: BinaryIO) -> Catalogue:
-    """What a file holds beside messages, by its summary; DamageError where that is not all."""
-    catalogue = Catalogue(read_summary(file))
-    if not catalogue.whole:
-        raise DamageError("its summary is not complete")
-    return catalogue

@@ -1,4 +1,4 @@
-"""Read a bag, finished or not: its topics, records and messages, or single ones by their time."""
+"""Reads a bag, finished or not: topics, records, messages in order or by their times."""
 
 from __future__ import annotations
 
@@ -24,17 +24,16 @@ from recorder.bag import (
     is_evidence,
     load_yaml,
 )
+from recorder.catalogue import Catalogue, read_outline
+from recorder.chunks import RECORD_LIMIT
 from recorder.errors import RecorderError
 from recorder.mcap_reader import (
     LOOSE,
-    RECORD_LIMIT,
-    Catalogue,
     DamageError,
     ForeignError,
     Gap,
     chunk_places,
     read_chunk,
-    read_outline,
     read_records,
     read_summary,
     records_in,
@@ -339,9 +338,6 @@ def natural_order(name: str) -> list[int | str]:
 
 def _natural_path(path: Path) -> list[int | str]:
     return natural_order(path.name)
-
-
-# Single messages of a recording, found by the times of its chunks without reading all of it.
 
 
 _MOST_UNPACKED = 2 * RECORD_LIMIT

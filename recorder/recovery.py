@@ -31,8 +31,9 @@ from recorder.bag import (
     is_evidence,
 )
 from recorder.errors import RecorderError
+from recorder.listing import listing, put_listing, remove, remove_metadata_parts, summarised
+from recorder.mcap_file import ROSBAG2_RECORD, McapFile
 from recorder.mcap_reader import DamageError, ForeignError
-from recorder.mcap_writer import ROSBAG2_RECORD, McapFile
 from recorder.reader import (
     RECOVERY_RECORD,
     bag_files,
@@ -44,7 +45,7 @@ from recorder.reader import (
     read_items,
     refuse_sqlite,
 )
-from recorder.survey import Survey, listing, put_listing, remove, remove_metadata_parts, summarised
+from recorder.survey import Survey
 
 _SUFFIX = ".mcap"
 _PART = ".recovering"
@@ -279,11 +280,6 @@ def _is_listed(folder: Path, folder_fd: int, information: BagInformation) -> boo
     except YAML_PROBLEMS:
         _keep(folder_fd, METADATA_FILE)
         return False
-
-
-# The file to be repaired: locked, kept under a second name, always there.
-#
-# All names are names in one open folder, so that no link leads out of it.
 
 
 _NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK}

@@ -9,223 +9,21 @@ import os
 import sys
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-from recorder.bag import (
-    MAX_NS,
-    METADATA_FILE,
-    RawMessage,
-    Topic,
-    bag_file_name,
-    evidence_file_name,
-    topic_problem,
-)
+from recorder.bag import MAX_NS, RawMessage, Topic, topic_problem
+from recorder.bag_folder import BagFolder, FurtherFile
 from recorder.errors import RecorderError, remedy
-from recorder.mcap_writer import CHUNK_BYTES, McapFile
-from recorder.survey import put_listing, remove
-
-# The file that is written, in a folder that is a bag from its first moment on.
-
-
-@dataclass(frozen=True, slots=True)
-class FurtherFile:
-    """An evidence file of a bag that others record; its writes have low priority.
-
-    Attributes:
-        folder: of the bag.
-        number: of the file, from 0.
-        refusal: called by the writer's thread before about each MB, with the bytes of the file
-            and those that come. It says why nothing more may be recorded: the file is then
-            finished. It may wait.
-    """
-
-    folder: Path
-    number: int
-    refusal: Callable[[int, int], str | None]
-
-
-class BagFolder:
-    """A folder and the new file of it that is recorded to; not thread-safe.
-
-    It is held open, so that it may be renamed while it is recorded to. Without evidence the folder
-    is new as well.
-    """
-
-    def __init__(
-        self,
-        place: Path | FurtherFile,
-        topics: Iterable[Topic],
-        records: Mapping[str, Mapping[str, str]],
-    ) -> None:
-        """Make everything; on disk on return. RecorderError leaves nothing behind."""
-        self._is_new = not isinstance(place, FurtherFile)
-        if isinstance(place, FurtherFile):
-            folder, name = place.folder, evidence_file_name(place.folder.name, place.number)
-        else:
-            folder, name = place, bag_file_name(place.name)
-        with ExitStack() as undo:
-            try:
-                if self._is_new:
-                    folder.mkdir()
-                    undo.callback(_remove_folder, folder)
-                self._fd = os.open(folder, os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-                undo.callback(os.close, self._fd)
-                self.file = McapFile(self._fd, name)
-                undo.callback(remove, self._fd, name)
-                undo.callback(self.file.close)
-                self.file.start(topics, records)
-                if self._is_new:
-                    undo.callback(remove, self._fd, METADATA_FILE)
-                    put_listing(self._fd, self.file.information())
-                    _sync_folder(folder.parent)
-                else:
-                    os.fsync(self._fd)
-            except FileExistsError:
-                existing = folder if self._is_new else folder / name
-                raise RecorderError(
-                    f"{existing} exists already; move it away or record under another name"
-                ) from None
-            except OSError as error:
-                raise _cannot_record(folder, error) from None
-            self._undo = undo.pop_all()
-
-    def finish(self) -> None:
-        """Complete the file and `metadata.yaml`; both are on disk on return.
-
-        The recording lists the evidence that is whole by then; later evidence lists itself.
-        """
-        self.file.finish()
-        put_listing(self._fd, self.file.information() if self._is_new else None)
-
-    def close(self) -> None:
-        with suppress(OSError):
-            self.file.close()
-        with suppress(OSError):
-            os.close(self._fd)
-
-    def remove(self) -> None:
-        """Delete what is new; only as long as nothing was recorded."""
-        self._undo.close()
-
-
-def _cannot_record(folder: Path, error: OSError) -> RecorderError:
-    otherwise = "choose a folder that exists and can be written, on a disk with room"
-    hint = remedy(error) or otherwise
-    return RecorderError(f"cannot record to {folder}: {error.strerror or error}; {hint}")
-
-
-def _remove_folder(folder: Path) -> None:
-    with suppress(OSError):
-        folder.rmdir()
-
-
-def _sync_folder(folder: Path) -> None:
-    """The names in a folder then survive a power cut."""
-    fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)
-
-
-# Statistics of a recorder.
-
-
-class RecorderState(StrEnum):
-    """The life of a recorder."""
-
-    CLOSED = "closed"
-    RECORDING = "recording"
-    FAILED = "failed"
-    """The disk refused; the bag is unfinished, what was written before stays readable."""
-    FINISHED = "finished"
-
-
-class DropReason(StrEnum):
-    """Why a message is not in the bag."""
-
-    NOT_RECORDING = "not recording"
-    FAILED = "recording failed"
-    QUEUE_FULL = "queue full"
-    TOO_LARGE = "larger than the queue"
-    UNKNOWN_TOPIC = "topic not registered"
-    OTHER_TYPE = "type differs from the topic's"
-    BAD_TIME = "time outside 1970..2262"
-
-
-@dataclass(frozen=True, slots=True)
-class RecorderStats:
-    """A recorder at one instant; messages per topic.
-
-    Attributes:
-        counts: those in the file.
-        dropped: those handed over that are not and will not be in the bag.
-        queued_bytes: memory of the messages on their way to the file.
-        seconds_since_sync: since everything received had reached the disk; None before `open`.
-        start_ns, end_ns: first and last log time in the file, ns since the epoch; None without.
-        error: why the recording failed, or evidence was refused, with the remedy.
-    """
-
-    folder: Path
-    state: RecorderState
-    counts: Mapping[str, int]
-    received: Mapping[str, int]
-    dropped: Mapping[str, int]
-    drop_reasons: Mapping[DropReason, int]
-    queued_bytes: int
-    file_bytes: int
-    seconds_since_sync: float | None
-    start_ns: int | None
-    end_ns: int | None
-    error: str | None
-
-    @property
-    def written(self) -> int:
-        return sum(self.counts.values())
-
-
-def _missing_words(stats: RecorderStats) -> str:
-    """Which messages are not in the bag, and why; empty if all are."""
-    missing = ", ".join(f"{topic} {n}" for topic, n in sorted(stats.dropped.items()) if n)
-    reasons = ", ".join(reason.value for reason in stats.drop_reasons)
-    return missing and f"{stats.folder}: messages are not in the bag: {missing} ({reasons})"
-
-
-class Account:
-    """The fate of every message handed in: received = saved + dropped + on its way."""
-
-    def __init__(self) -> None:
-        self.received: Counter[str] = Counter()
-        self.saved: Counter[str] = Counter()
-        self._dropped: Counter[tuple[str, DropReason]] = Counter()
-
-    def drop(self, topic: str, reason: DropReason) -> None:
-        self._dropped[topic, reason] += 1
-
-    def drop_rest(self) -> None:
-        rest = self.received - self.saved - self.dropped()
-        self._dropped.update({(topic, DropReason.FAILED): n for topic, n in rest.items()})
-
-    def dropped(self) -> Counter[str]:
-        return self._sum(0)
-
-    def reasons(self) -> Counter[DropReason]:
-        return self._sum(1)
-
-    def _sum(self, part: int) -> Counter[Any]:
-        total: Counter[Any] = Counter()
-        for key, count in self._dropped.items():
-            total[key[part]] += count
-        return total
-
+from recorder.mcap_file import McapFile
+from recorder.mcap_writer import CHUNK_BYTES
+from recorder.recorder_stats import Account, DropReason, RecorderState, RecorderStats, missing_words
 
 _OVERHEAD_BYTES = 256
 """Memory of a queued message beside its data, so that many small ones are bounded as well."""
@@ -343,7 +141,7 @@ class BagWriter:
         traceback: TracebackType | None,
     ) -> None:
         stats = self.close()
-        if kind is None and (problem := stats.error or _missing_words(stats)):
+        if kind is None and (problem := stats.error or missing_words(stats)):
             raise RecorderError(problem)
 
     def put_message(self, message: RawMessage) -> bool:

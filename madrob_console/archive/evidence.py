@@ -77,7 +77,7 @@ def settled_account(folder: Path, account: EvidenceAccount) -> EvidenceAccount |
 
     `account` is the account while they were written.
     """
-    from recorder.survey import summarised  # few runs need it
+    from recorder.listing import summarised  # few runs need it
 
     counts: dict[str, tuple[str, int]] = {}
     problems: list[str] = []

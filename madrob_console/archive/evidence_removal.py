@@ -27,7 +27,7 @@ from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.run_summary import RunSummary
 from recorder.bag import is_left_of_evidence
-from recorder.survey import listing, put_listing, remove_metadata_parts
+from recorder.listing import listing, put_listing, remove_metadata_parts
 
 
 @dataclass(frozen=True, slots=True)

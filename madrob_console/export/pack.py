@@ -43,7 +43,7 @@ from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import RunSummary
 from recorder.attachments import FileEnding, attach
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
-from recorder.survey import listing
+from recorder.listing import listing
 from scoring.eurobench.csv_table import parse_table
 from scoring.eurobench.run_files import LARGEST_TABLE
 from scoring.protocol import ScoringError

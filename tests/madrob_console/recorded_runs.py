@@ -30,7 +30,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.survey import put_listing
+from recorder.listing import put_listing
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
 from tests.madrob_console.references.bags import put_messages

@@ -13,8 +13,9 @@ import pytest
 from recorder.bag import Topic
 from recorder.errors import RecorderError
 from recorder.reader import Bag
+from recorder.recorder_stats import DropReason, RecorderState
 from recorder.recovery import recover
-from recorder.writer import BagWriter, DropReason, RecorderState
+from recorder.writer import BagWriter
 from tests.recorder.samples import add_evidence, strings, talk
 from tests.recorder.torn_bags import contents, refusal
 from tests.watching import until

@@ -17,12 +17,12 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from rosbags.rosbag2 import Reader
 
-from recorder import survey
+from recorder import listing
 from recorder.bag import RawMessage, bag_file_name, evidence_file_name
-from recorder.mcap_writer import McapFile
+from recorder.listing import put_listing
+from recorder.mcap_file import McapFile
 from recorder.reader import Bag
 from recorder.recovery import recover
-from recorder.survey import put_listing
 from recorder.writer import BagWriter
 from tests.recorder.samples import (
     add_evidence,
@@ -183,7 +183,7 @@ def test_evidence_that_ends_first_is_listed_by_the_recording_when_it_ends(tmp_pa
 def test_two_that_end_at_once_list_both(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first is overtaken between its look and its write: what it writes is old by then."""
     add_evidence(folder, CAMERA, 0)
-    real = survey.write_metadata
+    real = listing.write_metadata
     overtaken: list[bool] = []
 
     def write(fd: int, information: Any) -> None:  # noqa: ANN401 - it is handed on
@@ -193,7 +193,7 @@ def test_two_that_end_at_once_list_both(folder: Path, monkeypatch: pytest.Monkey
             assert list_again(folder)
         real(fd, information)
 
-    monkeypatch.setattr(survey, "write_metadata", write)
+    monkeypatch.setattr(listing, "write_metadata", write)
     assert list_again(folder)
     assert len(told(folder)["relative_file_paths"]) == 3
 

@@ -50,8 +50,9 @@ from recorder.bag import (
     parse_qos,
     qos_text,
 )
+from recorder.chunks import ChunkContent
 from recorder.errors import RecorderError
-from recorder.mcap_reader import ChunkContent, read_chunk
+from recorder.mcap_reader import read_chunk
 from recorder.reader import Bag, Seeker
 from recorder.writer import BagWriter
 from tests.recorder.samples import (

@@ -29,8 +29,9 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
 from recorder.bag import BagInformation, RawMessage, Topic
 from recorder.errors import RecorderError
 from recorder.reader import Bag
+from recorder.recorder_stats import RecorderState
 from recorder.recovery import Recovered, recover
-from recorder.writer import BagWriter, RecorderState
+from recorder.writer import BagWriter
 from tests.recorder.samples import all_within, by_library, encoded, mixed, strings, talk
 from tests.recorder.torn_bags import (
     TornBag,

@@ -30,10 +30,13 @@ from msgspec.structs import replace
 from rosbags.highlevel import AnyReader
 
 from recorder.bag import MAX_NS, RawMessage, Topic, evidence_file_name
+from recorder.bag_folder import FurtherFile
 from recorder.errors import RecorderError
-from recorder.mcap_writer import CHUNK_BYTES, McapFile, McapWriter
+from recorder.mcap_file import McapFile
+from recorder.mcap_writer import CHUNK_BYTES, McapWriter
 from recorder.reader import Bag
-from recorder.writer import BagWriter, DropReason, FurtherFile, RecorderState
+from recorder.recorder_stats import DropReason, RecorderState
+from recorder.writer import BagWriter
 from tests.recorder.samples import door_messages, door_topics, strings, talk
 from tests.watching import until
 

@@ -16,7 +16,9 @@ from madrob_console.engine.runtime.evidence_order import RecordInto
 from madrob_console.referee.evidence_account import EvidenceLoss
 from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
 from madrob_console.testbeds.ros.evidence_intake import TakenEvidence
-from recorder.writer import BagWriter, FurtherFile, RecorderState, RecorderStats
+from recorder.bag_folder import FurtherFile
+from recorder.recorder_stats import RecorderState, RecorderStats
+from recorder.writer import BagWriter
 
 QUEUE_BYTES = 96_000_000
 """Memory of what waits for the disk, of all files: some seconds of four cameras."""

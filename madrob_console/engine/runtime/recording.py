@@ -14,7 +14,8 @@ from madrob_console.engine.snapshot import RecorderView
 from madrob_console.referee.journal import Entry
 from recorder.bag import RawMessage, Topic
 from recorder.errors import RecorderError
-from recorder.writer import BagWriter, DropReason, RecorderState
+from recorder.recorder_stats import DropReason, RecorderState
+from recorder.writer import BagWriter
 
 
 class Recording:

@@ -32,7 +32,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import Hold
 from madrob_console.referee.journal import HOLD_FILE, Entry, Journal, Origin
 from recorder.bag import METADATA_FILE, evidence_file_name
-from recorder.mcap_writer import McapFile
+from recorder.mcap_file import McapFile
 from recorder.reader import Bag
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import (

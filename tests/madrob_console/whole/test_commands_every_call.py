@@ -18,8 +18,8 @@ import pytest
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.history import History
 from madrob_console.referee.journal import read_journal
+from recorder.listing import put_listing
 from recorder.reader import Bag
-from recorder.survey import put_listing
 from tests.madrob_console.recorded_runs import completed, final
 from tests.madrob_console.whole.test_every_call import (
     ALL_FROM,

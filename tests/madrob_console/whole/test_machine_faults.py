@@ -36,7 +36,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.bag import RawMessage
 from recorder.errors import RecorderError
-from recorder.mcap_writer import McapFile
+from recorder.mcap_file import McapFile
 from recorder.reader import Bag
 from scoring.protocol import EventName, Outcome
 from scoring.quality import Quality
