@@ -21,8 +21,8 @@ from madrob_console.archive.folders import (
 )
 from madrob_console.archive.history import History, mark_duplicates
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import refusal
 from madrob_console.common.names import terminal_safe
+from madrob_console.common.plain_files import refusal
 from madrob_console.referee.run_summary import RunSummary
 
 NO_RUN = "holds no run: name folders with runs"

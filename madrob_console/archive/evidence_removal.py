@@ -20,8 +20,9 @@ from madrob_console.archive.run_journal import (
     read_run_journal,
 )
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import locked_by_another, open_plain, opened_folder
+from madrob_console.common.file_locks import locked_by_another
 from madrob_console.common.formatting import time_words
+from madrob_console.common.plain_files import open_plain, opened_folder
 from madrob_console.referee.journal import Entry, Origin, refusal_words
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase, Run

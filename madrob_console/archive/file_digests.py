@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from madrob_console.archive.folders import RESULT_FILE
-from madrob_console.common.files import open_plain, refusal
+from madrob_console.common.plain_files import open_plain, refusal
 from madrob_console.referee.records import Sha256
 
 LARGEST_DIGESTED = 4_000_000_000

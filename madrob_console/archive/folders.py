@@ -22,7 +22,7 @@ from typing import Final
 import msgspec
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import checked_plain, open_plain, read_all, refusal
+from madrob_console.common.plain_files import checked_plain, open_plain, read_all, refusal
 from scoring.eurobench.run_info import run_prefixes, series_prefix
 
 LARGEST_NUMBER = 999

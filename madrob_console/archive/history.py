@@ -37,8 +37,8 @@ from madrob_console.archive.run_journal import (
     read_run_journal,
     recorded_competition,
 )
-from madrob_console.common.files import Stamp, stamp_of
 from madrob_console.common.names import is_rehearsal
+from madrob_console.common.plain_files import Stamp, stamp_of
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName

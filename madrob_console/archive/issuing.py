@@ -14,14 +14,8 @@ from madrob_console.archive.folders import ISSUE_FILE, JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_journal import Details, was_changed, written_details
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import (
-    OpenFolder,
-    atomic_write,
-    atomic_writes,
-    naming_folder,
-    read_all,
-    refusal,
-)
+from madrob_console.common.files import atomic_write, atomic_writes
+from madrob_console.common.plain_files import OpenFolder, naming_folder, read_all, refusal
 from madrob_console.referee.journal import Entry, Journal, Origin, refusal_words
 from madrob_console.referee.rebuild import Change, marks_of
 from madrob_console.referee.records import JournalMark

@@ -23,8 +23,9 @@ from madrob_console.archive.result_reader import (
 from madrob_console.archive.run_journal import is_held, journal_held
 from madrob_console.archive.scored import OpenedRun, RecordedRun, Scored, open_run
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Hold, OpenFolder, stamp_of
+from madrob_console.common.file_locks import Hold
 from madrob_console.common.formatting import counted
+from madrob_console.common.plain_files import OpenFolder, stamp_of
 from madrob_console.referee.journal import HOLD_FILE, Entry, Journal, Origin, read_journal
 from madrob_console.referee.rebuild import Change, after, mark_of
 from madrob_console.referee.records import TeamWord

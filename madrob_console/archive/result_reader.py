@@ -11,12 +11,7 @@ from typing import Annotated, Any, TypeVar
 import msgspec
 from msgspec import Meta
 
-from madrob_console.archive.folders import (
-    ISSUE_FILE,
-    LARGEST_NUMBER,
-    RESULT_FILE,
-    RESULT_FORMAT,
-)
+from madrob_console.archive.folders import ISSUE_FILE, LARGEST_NUMBER, RESULT_FILE, RESULT_FORMAT
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_journal import (
     is_noted,
@@ -25,7 +20,7 @@ from madrob_console.archive.run_journal import (
     was_changed,
 )
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import open_plain, read_bounded, refusal
+from madrob_console.common.plain_files import open_plain, read_bounded, refusal
 from madrob_console.referee.records import Reissuing, StoredRuleset
 from madrob_console.referee.run_summary import Name, StartTime
 from scoring.libraries import Libraries

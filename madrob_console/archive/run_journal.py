@@ -19,11 +19,11 @@ from madrob_console.archive.folders import (
     run_folder_names,
 )
 from madrob_console.archive.result_document import ResultDocument
-from madrob_console.common import files
+from madrob_console.common import file_locks
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import open_plain, read_all, refusal, stamp_of
 from madrob_console.common.formatting import utc_text
 from madrob_console.common.names import terminal_safe
+from madrob_console.common.plain_files import open_plain, read_all, refusal, stamp_of
 from madrob_console.referee.acts import FileProtest, Finalise
 from madrob_console.referee.journal import HOLD_FILE, LARGEST_JOURNAL, Entry, Journal, read_journal
 from madrob_console.referee.rebuild import Change, mark_of, rebuild
@@ -310,14 +310,14 @@ def is_held(journal: Path) -> bool:
     Where the hold does not tell (another user's run, or one of an older version), the lock of the
     journal does: everybody can take it who may read the file.
     """
-    if (held := files.is_held(journal.with_name(HOLD_FILE))) is not None:
+    if (held := file_locks.is_held(journal.with_name(HOLD_FILE))) is not None:
         return held
     try:
         file = open_plain(journal)
     except OSError:
         return False
     try:
-        return files.locked_by_another(file)
+        return file_locks.locked_by_another(file)
     finally:
         os.close(file)
 

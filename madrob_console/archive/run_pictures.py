@@ -14,18 +14,14 @@ import msgspec
 
 from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
 from madrob_console.archive.moments import Moment, moments_called, moments_of
-from madrob_console.archive.nearest_frames import (
-    FARTHEST,
-    SIDE,
-    Cameras,
-    has_evidence,
-)
+from madrob_console.archive.nearest_frames import FARTHEST, SIDE, Cameras, has_evidence
 from madrob_console.archive.run_journal import evidence_removed
 from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.common.clock import seconds
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import atomic_writes, read_all, replaced_folder
+from madrob_console.common.files import atomic_writes, replaced_folder
 from madrob_console.common.names import terminal_safe
+from madrob_console.common.plain_files import read_all
 from madrob_console.messages.codec import TopicMapping
 from recorder.errors import RecorderError
 

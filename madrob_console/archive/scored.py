@@ -23,8 +23,8 @@ from madrob_console.archive.result_reader import (
 from madrob_console.archive.run_journal import disagreements, is_held, read_run_journal
 from madrob_console.archive.run_record import RECORD_NAME, RunLabel, RunRecord, record_from
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Stamp, read_all, refusal, stamp_of
 from madrob_console.common.names import SourceKind, terminal_safe
+from madrob_console.common.plain_files import Stamp, read_all, refusal, stamp_of
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, Decoder, decode_text
 from madrob_console.messages.message_types import MessageError, standard_types, types_of
 from madrob_console.referee.flags import Flag, flags, practice_flags

@@ -69,7 +69,7 @@ def _journal_held(path: Path) -> Iterator[None]:
     """Keep the engine from resuming the run while inside."""
     from madrob_console.archive.folders import JOURNAL_FILE
     from madrob_console.archive.run_journal import is_held
-    from madrob_console.common.files import Hold
+    from madrob_console.common.file_locks import Hold
     from madrob_console.referee.journal import HOLD_FILE
 
     busy = MadrobError(

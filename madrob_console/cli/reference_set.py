@@ -19,7 +19,7 @@ import msgspec
 from madrob_console.archive.scored import score_recording
 from madrob_console.cli.doctor_ros import Finding, Severity
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import read_all
+from madrob_console.common.plain_files import read_all
 from madrob_console.common.version import DISTRIBUTION
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import libraries_here

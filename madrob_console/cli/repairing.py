@@ -12,7 +12,8 @@ from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, run_folder
 from madrob_console.archive.history import History
 from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import OpenFolder, atomic_write, stamp_of
+from madrob_console.common.files import atomic_write
+from madrob_console.common.plain_files import OpenFolder, stamp_of
 from madrob_console.pages.related_runs import RelatedRuns, has_report, report_is_old
 from recorder.bag import METADATA_FILE
 

@@ -24,7 +24,7 @@ from madrob_console.common.names import terminal_safe
 )
 def settings(arguments: argparse.Namespace) -> int:
     from madrob_console.config import default_settings_path, load_settings
-    from madrob_console.config.settings import example_toml
+    from madrob_console.config.settings_example import example_toml
 
     load_settings(arguments.settings).mappings()  # a file that is there has to be right
     print(example_toml(), flush=True)

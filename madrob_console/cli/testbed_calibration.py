@@ -9,7 +9,7 @@ from pathlib import Path
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.config import Settings, parse_settings
-from madrob_console.config.settings import toml_value
+from madrob_console.config.settings_example import toml_value
 from madrob_console.messages.codec import Decoder, TopicMapping
 from madrob_console.messages.message_types import MessageError, MessageTypes
 from recorder.reader import Bag

@@ -71,9 +71,6 @@ def seconds_of(text: str) -> float | None:
     return typed if math.isfinite(typed) else None
 
 
-# Times of the clock, from s since the epoch.
-
-
 def time_of_day(at: float) -> str:
     """Local: `14:28:05`."""
     return time.strftime("%H:%M:%S", time.localtime(at))

@@ -84,9 +84,6 @@ def _shown(char: str) -> str:
     return char
 
 
-# Words that settings, files and screens share.
-
-
 class ThemeName(StrEnum):
     """Look of the screens, reduced to what the terminal can show."""
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Generic, Self, TypeVar
 
 import msgspec
 
-from madrob_console.common.clock import TICK
+from madrob_console.common.recorded_clock import TICK
 from madrob_console.referee.acts import act_details, is_urgent
 from madrob_console.referee.competition_plan import PlanProgress
 from scoring.figure_table import Quantity

@@ -21,9 +21,9 @@ from madrob_console.archive.folders import (
 from madrob_console.archive.history import of_competition
 from madrob_console.archive.run_journal import is_held
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import stamp_of
 from madrob_console.common.formatting import listed
 from madrob_console.common.names import REHEARSAL, is_rehearsal, terminal_safe
+from madrob_console.common.plain_files import stamp_of
 from madrob_console.export.pack import EXPORTS_FOLDER, Contents
 from madrob_console.export.papers import PROTESTS_FILE
 from madrob_console.referee.lists import TeamName

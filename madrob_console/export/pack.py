@@ -26,7 +26,8 @@ from madrob_console.archive.run_journal import (
 from madrob_console.archive.table_columns import RUN_TABLES, SAMPLE_TABLES, TidyTable, rows_of
 from madrob_console.archive.table_rows import SampledRun, TableWriter
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import opened_folder, read_all, refusal, stamp_of, whole_file
+from madrob_console.common.files import whole_file
+from madrob_console.common.plain_files import opened_folder, read_all, refusal, stamp_of
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, foxglove_layout
 from madrob_console.export.papers import (
     COLUMNS_FILE,

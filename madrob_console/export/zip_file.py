@@ -13,8 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import IO, BinaryIO, NamedTuple
 
-from madrob_console.common.files import open_plain, refusal
 from madrob_console.common.names import terminal_safe
+from madrob_console.common.plain_files import open_plain, refusal
 from recorder.attachments import FileEnding
 from recorder.bag import is_evidence
 

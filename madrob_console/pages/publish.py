@@ -26,15 +26,9 @@ from madrob_console.archive.folders import (
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.table_columns import INDICATORS, RUN_TABLES, rows_of
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import (
-    Hold,
-    atomic_write,
-    atomic_write_in,
-    opened_folder,
-    read_all,
-    refusal,
-    stamp_of,
-)
+from madrob_console.common.file_locks import Hold
+from madrob_console.common.files import atomic_write, atomic_write_in
+from madrob_console.common.plain_files import opened_folder, read_all, refusal, stamp_of
 from madrob_console.pages.competition import plan_json
 from madrob_console.pages.outputs import standings_csv, standings_json
 from madrob_console.pages.related_runs import RelatedRuns, team_digest, team_runs

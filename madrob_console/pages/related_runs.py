@@ -23,7 +23,7 @@ from madrob_console.archive.result_reader import (
     read_sound_result,
 )
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import read_bounded, stamp_of
+from madrob_console.common.plain_files import read_bounded, stamp_of
 from madrob_console.pages.templates import NOTHING
 from madrob_console.referee.run_summary import RunSummary
 

@@ -14,7 +14,7 @@ from itertools import chain
 from pathlib import Path
 
 from madrob_console.archive.folders import REPORT_FILE
-from madrob_console.common.files import stamp_of
+from madrob_console.common.plain_files import stamp_of
 from madrob_console.pages.competition import CompetitionStandings, RulesetStandings
 from madrob_console.pages.tally import Overall, leaders
 from madrob_console.referee.competition_plan import PlanProgress

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Hold, checked_plain, read_all
+from madrob_console.common.file_locks import Hold
+from madrob_console.common.plain_files import checked_plain, read_all
 
 HOLD_FILE = ".journal.lock"
 """The lock file beside a journal; its writer holds it."""

@@ -6,9 +6,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from madrob_console.common.clock import LONGEST, RecordedClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
+from madrob_console.common.recorded_clock import LONGEST, RecordedClock
 from madrob_console.messages.codec import (
     REFEREE_EVENT_TOPIC,
     TopicMapping,

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import is_held
+from madrob_console.common.file_locks import is_held
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.engine.ipc import wire
 from madrob_console.engine.ipc.engine_lock import (

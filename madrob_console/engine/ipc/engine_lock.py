@@ -23,8 +23,8 @@ import msgspec
 from platformdirs import user_state_path
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import checked_plain, read_all
 from madrob_console.common.names import SourceKind, terminal_safe
+from madrob_console.common.plain_files import checked_plain, read_all
 
 LOCK_FILE = ".madrob_engine.lock"
 """In a results folder: locked while an engine records to it."""

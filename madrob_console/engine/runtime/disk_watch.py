@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from madrob_console.archive.folders import recording_problem
-from madrob_console.common.files import OpenFolder, free_space
+from madrob_console.common.files import free_space
+from madrob_console.common.plain_files import OpenFolder
 from madrob_console.engine.runtime.disk import DiskJobs
 from madrob_console.referee.run import Phase, Run
 

@@ -10,15 +10,9 @@ from pathlib import Path
 
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import OpenFolder
+from madrob_console.common.plain_files import OpenFolder
 from madrob_console.engine.runtime.disk import DiskJobs, why_not
-from madrob_console.referee.journal import (
-    Entry,
-    Journal,
-    read_journal,
-    refusal_words,
-    up_to_date,
-)
+from madrob_console.referee.journal import Entry, Journal, read_journal, refusal_words, up_to_date
 
 
 class JournalLine:

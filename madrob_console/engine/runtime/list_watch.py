@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from madrob_console.common.files import Stamp, stamp_of
+from madrob_console.common.plain_files import Stamp, stamp_of
 
 L = TypeVar("L")
 

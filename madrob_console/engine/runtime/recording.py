@@ -8,7 +8,7 @@ from pathlib import Path
 from madrob_console.archive.folders import RunName, reserve_run_folder
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import OpenFolder
+from madrob_console.common.plain_files import OpenFolder
 from madrob_console.engine.runtime.journal_writer import OpenJournal
 from madrob_console.engine.snapshot import RecorderView
 from madrob_console.referee.journal import Entry

@@ -13,8 +13,9 @@ from pathlib import Path
 from madrob_console.archive.check import Comparison, compared, stored_result
 from madrob_console.archive.moments import moments_called
 from madrob_console.archive.scored import keep_stored_remarks, read_recorded_run, report_bag
-from madrob_console.common.clock import LONGEST, NS, TICK, nanoseconds, seconds
+from madrob_console.common.clock import NS, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.recorded_clock import LONGEST, TICK
 from madrob_console.engine.core.current_run import DECIDED_ANEW, ReplayedRun
 from madrob_console.engine.core.effects import Score, ToPerform
 from madrob_console.engine.core.engine_config import EngineConfig

@@ -12,7 +12,7 @@ from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.issuing import issue
 from madrob_console.archive.run_journal import Details
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import OpenFolder, naming_folder
+from madrob_console.common.plain_files import OpenFolder, naming_folder
 from madrob_console.engine.core.scored_run import RenderedResult
 from madrob_console.engine.runtime.disk import DiskJobs, why_not
 from madrob_console.referee.journal import Entry, up_to_date

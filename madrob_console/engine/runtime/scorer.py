@@ -15,7 +15,7 @@ import msgspec
 from madrob_console.archive.evidence import evidence_account_of
 from madrob_console.archive.result_files import result_files
 from madrob_console.archive.scored import Scored, assess_recording, open_run
-from madrob_console.common.files import naming_folder
+from madrob_console.common.plain_files import naming_folder
 from madrob_console.engine.core.scored_run import (
     EarlierRun,
     PastRun,

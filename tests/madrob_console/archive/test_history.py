@@ -37,7 +37,7 @@ from madrob_console.archive.scored import open_run
 from madrob_console.cli.batch import tried
 from madrob_console.cli.score_command import describe_run
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import open_plain
+from madrob_console.common.plain_files import open_plain
 from madrob_console.export.contents import team_contents
 from madrob_console.export.pack import pack
 from madrob_console.pages.competition import competition_standings
@@ -190,7 +190,7 @@ def test_a_run_that_has_not_changed_is_not_read_again(
 ) -> None:
     history, opened = History(many), Mock(side_effect=open_plain)
     assert history.refresh() == MANY
-    monkeypatch.setattr("madrob_console.common.files.open_plain", opened)
+    monkeypatch.setattr("madrob_console.common.plain_files.open_plain", opened)
     assert history.refresh() == MANY
     opened.assert_not_called()
     path = write(many, summary(run_number=40, hour=40))

@@ -23,7 +23,7 @@ from madrob_console.archive.repair import RuleChange, next_issue, repair
 from madrob_console.archive.scored import open_run, read_recorded_run
 from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Hold
+from madrob_console.common.file_locks import Hold
 from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.related_runs import made_of
 from madrob_console.referee.acts import Act, AddNote, Finalise, MarkIncident, Reissue, Rule

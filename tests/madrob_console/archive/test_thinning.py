@@ -29,7 +29,7 @@ from madrob_console.archive.repair import repair
 from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Hold
+from madrob_console.common.file_locks import Hold
 from madrob_console.referee.journal import HOLD_FILE, Entry, Journal, Origin
 from recorder.bag import METADATA_FILE, evidence_file_name
 from recorder.mcap_file import McapFile

@@ -16,7 +16,7 @@ import pytest
 from madrob_console.archive import score
 from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, RESULT_FILE
 from madrob_console.cli import tidy_command
-from madrob_console.common.files import Hold
+from madrob_console.common.file_locks import Hold
 from madrob_console.referee.journal import HOLD_FILE
 from recorder.reader import Bag
 from recorder.writer import BagWriter

@@ -25,7 +25,7 @@ from madrob_console.archive.scored import open_run
 from madrob_console.archive.table_columns import RUN_TABLES
 from madrob_console.cli.output import STOPPED
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Hold
+from madrob_console.common.file_locks import Hold
 from madrob_console.referee.acts import Rule
 from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.rebuild import Change

@@ -13,7 +13,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Hold, is_held, replaced_folder, write_new_folder
+from madrob_console.common.file_locks import Hold, is_held
+from madrob_console.common.files import replaced_folder, write_new_folder
 from madrob_console.common.names import LONGEST_NAME, clean_name, terminal_safe
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, ThemeName
 from madrob_console.config import Settings, default_settings_path, load_settings, parse_settings
-from madrob_console.config.settings import example_toml
+from madrob_console.config.settings_example import example_toml
 from madrob_console.config.tables import Competition, ConsoleSettings, RunDefaults
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.checks import SensorLimits

@@ -32,7 +32,7 @@ from madrob_console.archive.collection import collected_in
 from madrob_console.archive.folders import run_folder_names
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import Hold
+from madrob_console.common.file_locks import Hold
 from madrob_console.common.names import terminal_safe
 from madrob_console.export import pack, zip_file
 from madrob_console.export.contents import file_name, team_contents

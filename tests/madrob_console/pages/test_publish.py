@@ -24,7 +24,7 @@ from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.scored import score_once
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.files import read_all
+from madrob_console.common.plain_files import read_all
 from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.outputs import standings_lines
 from madrob_console.pages.publish import (

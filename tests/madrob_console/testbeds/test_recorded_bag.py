@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.common.clock import NS, TICK, RecordedClock, VirtualClock, nanoseconds, seconds
+from madrob_console.common.clock import NS, VirtualClock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
+from madrob_console.common.recorded_clock import TICK, RecordedClock
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, describe_topic, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds import recorded_bag

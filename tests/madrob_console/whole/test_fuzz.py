@@ -19,7 +19,8 @@ from madrob_console.archive.history import History
 from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import open_run
 from madrob_console.common.errors import MadrobError
-from madrob_console.config.settings import example_toml, load_settings
+from madrob_console.config.settings import load_settings
+from madrob_console.config.settings_example import example_toml
 from madrob_console.engine.ipc import wire
 from madrob_console.engine.ipc.client import snapshot_of
 from madrob_console.engine.requests import NextRunNumber, OpenRun, Perform
