@@ -39,7 +39,7 @@ def score(path: Path | str, rules: RulesetName | None = None) -> Iterator[Scored
         MadrobError: a run cannot be scored; the message names path and remedy.
     """
     # lists of runs do without numpy and SciPy
-    from madrob_console.archive.folders import runs_at
+    from madrob_console.archive.run_paths import runs_at
     from madrob_console.archive.scored import score_run
 
     return (score_run(run, (rules,))[0] for run in runs_at(Path(path)))

@@ -14,21 +14,16 @@ from typing import Any
 import msgspec
 
 from madrob_console.archive.file_digests import lists_evidence
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
-from madrob_console.archive.result_document import ResultDocument
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.result_files import document_of
-from madrob_console.archive.result_reader import UnusableResultError, read_result, read_whole_result
+from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import Scored, lines_lost, score_recording
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import utc_text
-from madrob_console.common.names import terminal_safe
 from recorder.bag import METADATA_FILE
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import NAMES, Libraries, libraries_here
-from scoring.result import Result
-
-# Grades of agreement between two computations of one result (section 11).
-
 
 CLOSEST = 1e-9
 """Relative; the rounding differences of libraries stay far below it."""
@@ -219,22 +214,22 @@ def _compare(
     files, stored_files = recomputed.pop("files"), stored.pop("files", None)
     remarks = recomputed["quality"].pop("remarks")
     compared = {key: value for key, value in recomputed.items() if key not in _NOT_COMPARED}
-    yield from _differences("", stored, compared)
+    yield from differences_between("", stored, compared)
     yield from _remark_differences(_remarks(stored), remarks)
     yield from _file_differences(stored_files, files, folder)
 
 
-def _differences(where: str, stored: object, recomputed: object) -> Iterator[Difference]:
+def differences_between(where: str, stored: object, recomputed: object) -> Iterator[Difference]:
     match stored, recomputed:
         case dict(), dict():
             for key, value in recomputed.items():
                 if key in stored:
-                    yield from _differences(f"{where}.{key}".lstrip("."), stored[key], value)
+                    yield from differences_between(f"{where}.{key}".lstrip("."), stored[key], value)
                 elif where == "indicators":  # every version stored all of them
                     yield Difference(f"indicators.{key}.value", None, value["value"])
         case list(), list() if len(stored) == len(recomputed):
             for index, pair in enumerate(zip(stored, recomputed, strict=True)):
-                yield from _differences(f"{where}[{index}]", *pair)
+                yield from differences_between(f"{where}[{index}]", *pair)
         case list(), list():
             yield Difference(where, f"{len(stored)} entries", f"{len(recomputed)} entries")
         case _ if stored != recomputed:
@@ -278,7 +273,7 @@ def _file_differences(
         if name == METADATA_FILE and lists_evidence(folder):
             continue
         if name in digests:
-            yield from _differences(f"files.{name}", digest, digests[name])
+            yield from differences_between(f"files.{name}", digest, digests[name])
         else:
             there = (folder / Path(name).name).exists()
             yield Difference(f"files.{name}", digest, "unreadable" if there else "missing")
@@ -287,88 +282,3 @@ def _file_differences(
 def _short(value: object) -> str:
     text = msgspec.json.encode(value).decode()
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
-
-
-# The comparison of a stored result with its bag, for appeals.
-
-
-EQUAL = "equals the stored result to the last digit"
-
-_DIGITS = (2, 3, 6)
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """A result beside the stored one (protocol section 11); grade None = no stored one."""
-
-    words: str
-    grade: Grade | None = None
-
-    @property
-    def agrees(self) -> bool:
-        return self.grade in {Grade.SAME, Grade.CLOSE}
-
-
-def stored_result(path: Path) -> ResultDocument | str:
-    """A bag alone has none; then why, in words."""
-    try:
-        return read_result(str(path), attached=True)
-    except FileNotFoundError:
-        return "no stored result lies beside the recording"
-    except UnusableResultError as error:
-        return terminal_safe(str(error))
-
-
-def compared(stored: ResultDocument | str, result: Result) -> Comparison:
-    """With enough digits to tell two values apart."""
-    if isinstance(stored, str):
-        return Comparison(stored)
-    differences = tuple(_differences("", _appealed(stored), _appealed(result)))
-    grade = Grade.worst(each.grade for each in differences)
-    values = "; ".join(_beside_stored(each) for each in differences if each.grade is grade)
-    match grade:
-        case Grade.SAME:
-            return Comparison(EQUAL, grade)
-        case Grade.CLOSE:
-            why = terminal_safe(library_words(stored.libraries or None, libraries_here()))
-            return Comparison(f"equals the stored result to 1e-9: {values} ({why})", grade)
-        case Grade.DIFFERS:
-            return Comparison(f"differs from the stored result: {values}", grade)
-
-
-def _appealed(result: Result) -> dict[str, Any]:
-    """The fields of a result that an appeal is about."""
-    indicators = {name: result.indicators.get(name) for name in IndicatorName}
-    return {
-        "ruleset": result.ruleset,
-        "outcome": result.outcome,
-        "start": result.start,
-        "indicators": {
-            name: {"value": indicator and indicator.value} for name, indicator in indicators.items()
-        },
-    }
-
-
-def _beside_stored(difference: Difference) -> str:
-    now, stored = difference.recomputed, difference.stored
-    if difference.indicator is not None:
-        here, there = distinct_texts(now, stored)
-        return f"{difference.indicator.replace('_', ' ')} {here}, stored {there}"
-    if difference.what == "start":
-        return f"start {now - stored:+.6g} s from the stored one"
-    return f"{difference.what} {now}, stored {terminal_safe(stored)}"
-
-
-def distinct_texts(first: float | None, second: float | None) -> tuple[str, str]:
-    """Two values, with as many digits as tell them apart."""
-    for digits in _DIGITS:
-        texts = _text(first, digits), _text(second, digits)
-        if texts[0] != texts[1]:
-            return texts
-    return repr(first), repr(second)
-
-
-def _text(value: float | None, digits: int) -> str:
-    if value is None:
-        return "none"
-    return str(value) if isinstance(value, int) else f"{value:.{digits}f}"

@@ -11,15 +11,9 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from madrob_console.archive.folders import (
-    RESULT_FILE,
-    RunPath,
-    listed_at,
-    named_by_recording,
-    parse_folder_name,
-    with_name,
-)
+from madrob_console.archive.folders import RESULT_FILE, named_by_recording, parse_folder_name
 from madrob_console.archive.history import History, mark_duplicates
+from madrob_console.archive.run_paths import RunPath, listed_at, with_name
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.common.plain_files import refusal
@@ -146,9 +140,6 @@ def _why_unlisted(run: RunPath) -> str:
     if run.prefix or any(name.endswith((".mcap", ".db3")) for name in names):
         return f"has no {RESULT_FILE} of a run folder: name folders with runs"
     return NO_RUN
-
-
-# The filter that a person types over a list of runs.
 
 
 _NUMBERS: Mapping[str, Callable[[RunSummary], int]] = {

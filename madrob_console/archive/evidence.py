@@ -10,12 +10,8 @@ import msgspec
 
 from madrob_console.archive.file_digests import listed_in
 from madrob_console.archive.folders import JOURNAL_FILE, run_folder_names
-from madrob_console.archive.run_journal import (
-    UnusableJournalError,
-    is_held,
-    journal_held,
-    read_run_journal,
-)
+from madrob_console.archive.run_journal import UnusableJournalError, journal_held, read_run_journal
+from madrob_console.archive.unfinished_runs import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import free_space
 from madrob_console.common.formatting import format_size

@@ -15,10 +15,10 @@ from madrob_console.archive.run_journal import (
     RunJournal,
     UnusableJournalError,
     ever_protested,
-    is_held,
     journal_held,
     read_run_journal,
 )
+from madrob_console.archive.unfinished_runs import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.file_locks import locked_by_another
 from madrob_console.common.formatting import time_words

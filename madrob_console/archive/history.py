@@ -15,13 +15,12 @@ from madrob_console.archive.folders import (
     JOURNAL_FILE,
     RESULT_FILE,
     RunName,
-    RunPlace,
     holds_rehearsals,
     lies_in_practice,
     parse_folder_name,
-    places_that_count,
     run_folder_names,
 )
+from madrob_console.archive.journal_agreement import disagreement, out_of_date
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import (
     DamagedResultError,
@@ -30,13 +29,12 @@ from madrob_console.archive.result_reader import (
 )
 from madrob_console.archive.run_journal import (
     UnusableJournalError,
-    disagreement,
     ever_protested,
-    is_held,
-    out_of_date,
     read_run_journal,
     recorded_competition,
 )
+from madrob_console.archive.run_paths import RunPlace, places_that_count
+from madrob_console.archive.unfinished_runs import is_held
 from madrob_console.common.names import is_rehearsal
 from madrob_console.common.plain_files import Stamp, stamp_of
 from madrob_console.referee.records import TeamWord

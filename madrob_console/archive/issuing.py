@@ -1,4 +1,7 @@
-"""Issues results: the only writer of `result.json` and of the files beside it."""
+"""Issues results, and refuses one that may not take the place of the stored one.
+
+The only writer of `result.json` and of the files beside it.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,8 @@ import msgspec
 
 from madrob_console.archive.file_digests import FileDigest, digests_of
 from madrob_console.archive.folders import ISSUE_FILE, JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive.journal_agreement import Details, was_changed, written_details
 from madrob_console.archive.result_reader import LARGEST_RESULT
-from madrob_console.archive.run_journal import Details, was_changed, written_details
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import atomic_write, atomic_writes
 from madrob_console.common.plain_files import OpenFolder, naming_folder, read_all, refusal
@@ -150,9 +153,6 @@ def _stored(folder: Path) -> bytes | None:
         raise MadrobError(
             f"{folder / RESULT_FILE}: cannot be read ({refusal(error)}): rename it"
         ) from None
-
-
-# Whether a result may take the place of the stored one.
 
 
 class _SignalSamples(msgspec.Struct):

@@ -151,9 +151,6 @@ def _check_size(width: int, height: int) -> None:
         raise PictureError(f"it claims {width} x {height} pixels, more than {most} megapixels")
 
 
-# Raw pictures.
-
-
 def _raw(message: Message) -> Image.Image:
     width, height, step = int(message.width), int(message.height), int(message.step)
     _check_size(width, height)

@@ -12,13 +12,9 @@ import msgspec
 from msgspec import Meta
 
 from madrob_console.archive.folders import ISSUE_FILE, LARGEST_NUMBER, RESULT_FILE, RESULT_FORMAT
+from madrob_console.archive.journal_agreement import is_noted, waits_for_line, was_changed
 from madrob_console.archive.result_document import ResultDocument
-from madrob_console.archive.run_journal import (
-    is_noted,
-    recorded_competition,
-    waits_for_line,
-    was_changed,
-)
+from madrob_console.archive.run_journal import recorded_competition
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import open_plain, read_bounded, refusal
 from madrob_console.referee.records import Reissuing, StoredRuleset

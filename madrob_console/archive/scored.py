@@ -13,15 +13,18 @@ from itertools import product, takewhile
 from pathlib import Path
 from typing import TypeVar
 
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive.journal_agreement import disagreements
 from madrob_console.archive.result_reader import (
     DamagedResultError,
     UnusableResultError,
     read_result,
     read_sound_result,
 )
-from madrob_console.archive.run_journal import disagreements, is_held, read_run_journal
+from madrob_console.archive.run_journal import read_run_journal
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_record import RECORD_NAME, RunLabel, RunRecord, record_from
+from madrob_console.archive.unfinished_runs import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.plain_files import Stamp, read_all, refusal, stamp_of

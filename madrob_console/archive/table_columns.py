@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 if TYPE_CHECKING:
-    from madrob_console.archive.result_files import StoredRun
+    from madrob_console.archive.stored_runs import StoredRun
     from scoring.result import Indicator
 
 Row: TypeAlias = Mapping[str, object]
@@ -111,9 +111,6 @@ def _since_start(
     """The column of a path to times, s."""
     at = _at(time)
     return _number(name, meaning, lambda row: row.since_start(at(row)), "s")
-
-
-# Tables of runs: their columns.
 
 
 class _OfIndicator(NamedTuple):
@@ -295,9 +292,6 @@ UNREADABLE = TidyTable(
     (_text("place", "path of its folder or bag", "run"), _text("reason", "why, in words", "item")),
 )
 """Written beside tables of runs that are scored for them."""
-
-
-# Tables of a recording's samples: their columns, each cell of which is a whole column.
 
 
 def _series(name: str, row: str, time: str, *columns: TableColumn) -> TidyTable:

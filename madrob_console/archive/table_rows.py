@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from madrob_console.archive.collection import collected
-from madrob_console.archive.folders import RunPath
-from madrob_console.archive.result_files import StoredRun, stored_run
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_record import RunLabel
 from madrob_console.archive.scored import Scored, score_with_series
+from madrob_console.archive.stored_runs import StoredRun, stored_run
 from madrob_console.archive.table_columns import (
     RUN,
     RUN_TABLES,

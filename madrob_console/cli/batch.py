@@ -21,7 +21,7 @@ from madrob_console.common.names import SourceKind
 
 if TYPE_CHECKING:
     from madrob_console.archive.collection import Collection
-    from madrob_console.archive.folders import RunPath
+    from madrob_console.archive.run_paths import RunPath
     from madrob_console.config import Settings
     from madrob_console.pages.competition import CompetitionStandings
 
@@ -44,7 +44,7 @@ SHARING = (
 
 
 def runs_of(arguments: argparse.Namespace) -> list[RunPath]:
-    from madrob_console.archive.folders import all_runs_at
+    from madrob_console.archive.run_paths import all_runs_at
 
     paths: list[Path] = arguments.paths
     if arguments.scheduler is not None:

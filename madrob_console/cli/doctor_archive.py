@@ -15,11 +15,11 @@ from madrob_console.archive.folders import (
     JOURNAL_FILE,
     PRACTICE_FOLDER,
     RESULT_FILE,
-    RunPath,
     parse_folder_name,
 )
-from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.result_reader import lacks_line
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.stored_runs import stored_run
 from madrob_console.archive.table_columns import RUNS, Row
 from madrob_console.cli.batch import Tried, tried
 from madrob_console.cli.doctor_ros import Finding, Severity

@@ -18,7 +18,7 @@ from recorder.errors import RecorderError
 from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
-    from madrob_console.archive.folders import RunPath
+    from madrob_console.archive.run_paths import RunPath
     from recorder.recovery import Recovered
 
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 )
 def recover(arguments: argparse.Namespace) -> int:
     with imports_kept():
-        from madrob_console.archive.folders import all_runs_at
+        from madrob_console.archive.run_paths import all_runs_at
 
     runs = all_runs_at(arguments.paths)
     with Complaints() as bad:
@@ -68,7 +68,7 @@ def _recover(run: RunPath) -> None:
 def _journal_held(path: Path) -> Iterator[None]:
     """Keep the engine from resuming the run while inside."""
     from madrob_console.archive.folders import JOURNAL_FILE
-    from madrob_console.archive.run_journal import is_held
+    from madrob_console.archive.unfinished_runs import is_held
     from madrob_console.common.file_locks import Hold
     from madrob_console.referee.journal import HOLD_FILE
 

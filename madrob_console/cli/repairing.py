@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from madrob_console.archive.evidence import repair_evidence, settle_account
 from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
-from madrob_console.archive.run_journal import is_held
+from madrob_console.archive.unfinished_runs import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import atomic_write
 from madrob_console.common.plain_files import OpenFolder, stamp_of

@@ -51,7 +51,7 @@ NamedFile: TypeAlias = tuple[Path, bytes]
 )
 def report(arguments: argparse.Namespace) -> int:
     with imports_kept():
-        from madrob_console.archive.folders import all_runs_at
+        from madrob_console.archive.run_paths import all_runs_at
         from madrob_console.pages.related_runs import RelatedRuns
 
     around = RelatedRuns()

@@ -25,7 +25,7 @@ from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
     from madrob_console.archive.check import Grade
-    from madrob_console.archive.folders import RunPath
+    from madrob_console.archive.run_paths import RunPath
     from madrob_console.archive.scored import ScoredPath
     from scoring.arrays import Evaluation
 

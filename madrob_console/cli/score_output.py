@@ -9,13 +9,9 @@ from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
-from madrob_console.archive.folders import (
-    JOURNAL_FILE,
-    RunPath,
-    places_that_count,
-    results_folder_of,
-)
+from madrob_console.archive.folders import JOURNAL_FILE, results_folder_of
 from madrob_console.archive.result_document import MANUAL_START
+from madrob_console.archive.run_paths import RunPath, places_that_count
 from madrob_console.archive.table_columns import RUN_TABLES, UNREADABLE, rows_of
 from madrob_console.cli.batch import each_run
 from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins
@@ -47,7 +43,7 @@ class FreshRows(NamedTuple):
 
 def fresh_rows(run: RunPath, *, rules: tuple[RulesetName | None, ...]) -> FreshRows:
     """Score a run for the tables; `rules` None = the ruleset of the run."""
-    from madrob_console.archive.result_files import fresh_runs
+    from madrob_console.archive.stored_runs import fresh_runs
 
     scored = fresh_runs(run, rules)
     rows = {
@@ -60,7 +56,7 @@ def write_tables(
     arguments: argparse.Namespace, runs: Sequence[RunPath], rules: tuple[RulesetName | None, ...]
 ) -> int:
     """Write the tables of all runs atomically; one that cannot be read has its row."""
-    from madrob_console.archive.result_files import stored_places
+    from madrob_console.archive.stored_runs import stored_places
     from madrob_console.archive.table_rows import TableWriter
     from madrob_console.common.files import new_folder, whole_file
 
@@ -232,7 +228,7 @@ def reissue(
     rules: RulesetName | None,
     clock: Clock,
 ) -> int:
-    from madrob_console.archive.repair import RuleChange, next_issue, write_next_issue
+    from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
     from madrob_console.config import load_settings
 
     dry: bool = arguments.dry_run
@@ -260,7 +256,7 @@ def reissue(
 
 def _renew_reports(runs: Sequence[RunPath], bad: Complaints) -> None:
     """Remake the reports of re-issued runs; one that a console works on is left to it."""
-    from madrob_console.archive.run_journal import is_held
+    from madrob_console.archive.unfinished_runs import is_held
     from madrob_console.cli.repairing import renew_all, renew_reports
     from madrob_console.pages.related_runs import RelatedRuns, report_is_old
 

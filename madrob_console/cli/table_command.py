@@ -25,7 +25,7 @@ from madrob_console.common.names import terminal_safe
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
-    from madrob_console.archive.folders import RunPath
+    from madrob_console.archive.run_paths import RunPath
     from madrob_console.archive.table_rows import Sink
 
 _SAMPLES = """\
@@ -76,8 +76,8 @@ def _of_runs(table: TidyTable) -> MadrobCommand:
 
 
 def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
-    from madrob_console.archive.folders import RunPath
-    from madrob_console.archive.result_files import stored_run
+    from madrob_console.archive.run_paths import RunPath
+    from madrob_console.archive.stored_runs import stored_run
     from madrob_console.archive.table_rows import TableWriter
     from madrob_console.common.files import whole_file
 
@@ -132,7 +132,7 @@ class _StandardOutput:
     ),
 )
 def _samples(arguments: argparse.Namespace) -> int:
-    from madrob_console.archive.folders import all_runs_at
+    from madrob_console.archive.run_paths import all_runs_at
 
     output: Path = arguments.output
     runs = all_runs_at(arguments.paths)

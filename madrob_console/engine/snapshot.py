@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import msgspec
 
-from madrob_console.archive.run_journal import Unfinished
+from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.common.names import REHEARSAL, SourceKind, is_rehearsal
 from madrob_console.engine.requests import PlaybackView, Role, TakeOver
 from madrob_console.referee.acts import Abort

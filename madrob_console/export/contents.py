@@ -19,7 +19,7 @@ from madrob_console.archive.folders import (
     results_folder_of,
 )
 from madrob_console.archive.history import of_competition
-from madrob_console.archive.run_journal import is_held
+from madrob_console.archive.unfinished_runs import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import listed
 from madrob_console.common.names import REHEARSAL, is_rehearsal, terminal_safe

@@ -13,16 +13,17 @@ from typing import BinaryIO, Self
 import msgspec
 from pandas import DataFrame
 
-from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE, RunPath
+from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.nearest_frames import PICTURE_TYPES
 from madrob_console.archive.result_document import SCHEMA_FILE, ResultDocument, schema_text
-from madrob_console.archive.result_files import StoredRun, stored_run
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_journal import (
     UnusableJournalError,
     evidence_removed,
     read_run_journal,
 )
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.stored_runs import StoredRun, stored_run
 from madrob_console.archive.table_columns import RUN_TABLES, SAMPLE_TABLES, TidyTable, rows_of
 from madrob_console.archive.table_rows import SampledRun, TableWriter
 from madrob_console.common.errors import MadrobError

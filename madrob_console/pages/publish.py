@@ -21,9 +21,9 @@ from madrob_console.archive.folders import (
     PICTURES_INDEX,
     REPORT_FILE,
     RESULT_FILE,
-    RunPath,
 )
 from madrob_console.archive.result_reader import LARGEST_RESULT
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.table_columns import INDICATORS, RUN_TABLES, rows_of
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.file_locks import Hold
@@ -250,7 +250,7 @@ def _demand_site(folder: Path) -> None:
 def _run_tables(content: SiteContent) -> Mapping[str, bytes]:
     """The tables of the site's own runs, by path; each stored result is read once for all."""
     # they load numpy, which a refused folder does without
-    from madrob_console.archive.result_files import stored_run
+    from madrob_console.archive.stored_runs import stored_run
     from madrob_console.archive.table_rows import TableWriter
 
     tables = {f"data/{table.name}.csv": table for table in RUN_TABLES}

@@ -21,11 +21,11 @@ from madrob_console.archive.folders import (
     PRACTICE_FOLDER,
     RESULT_FILE,
     RunName,
-    RunPath,
     parse_folder_name,
     run_folder_names,
 )
-from madrob_console.archive.run_journal import find_unfinished
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.unfinished_runs import find_unfinished
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.ipc.wire import UnsureError
 from madrob_console.engine.requests import NextRunNumber, OpenRun, Perform

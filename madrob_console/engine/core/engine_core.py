@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import assert_never
 
-from madrob_console.archive.run_journal import Unfinished
+from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.engine.core.acting import Acting
 from madrob_console.engine.core.current_run import CurrentRun, ReplayedRun
 from madrob_console.engine.core.effects import (

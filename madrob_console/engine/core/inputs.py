@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from madrob_console.archive.run_journal import Details, Unfinished
+from madrob_console.archive.journal_agreement import Details
+from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ScoringRequest
 from madrob_console.referee.acts import Act
 from madrob_console.referee.evidence_account import EvidenceAccount

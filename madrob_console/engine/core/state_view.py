@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from madrob_console.archive.run_journal import Unfinished
+from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.common.names import is_rehearsal
 from madrob_console.engine.core.current_run import CurrentRun
 from madrob_console.engine.core.now import Now
 from madrob_console.engine.core.observation import NEWEST, Observation
 from madrob_console.engine.requests import PlaybackView
-from madrob_console.engine.snapshot import (
-    DoorView,
-    ExportView,
-    LatchView,
-    Snapshot,
-)
+from madrob_console.engine.snapshot import DoorView, ExportView, LatchView, Snapshot
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.checks import Check, CheckState, Freshness
 from madrob_console.referee.records import CheckName

@@ -14,7 +14,8 @@ from msgspec.structs import replace as with_fields
 
 from madrob_console.archive.evidence import settled_account
 from madrob_console.archive.folders import give_out_run_number
-from madrob_console.archive.run_journal import Details, Unfinished, find_unfinished
+from madrob_console.archive.journal_agreement import Details
+from madrob_console.archive.unfinished_runs import Unfinished, find_unfinished
 from madrob_console.common.clock import Clock, seconds
 from madrob_console.engine.core.acting import DURABLE_WITHIN
 from madrob_console.engine.core.effects import (

@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
 
-from madrob_console.archive.check import Comparison, compared, stored_result
+from madrob_console.archive.appeal import Comparison, compared, stored_result
 from madrob_console.archive.moments import moments_called
 from madrob_console.archive.scored import keep_stored_remarks, read_recorded_run, report_bag
 from madrob_console.common.clock import NS, nanoseconds, seconds

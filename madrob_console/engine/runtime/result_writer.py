@@ -10,7 +10,7 @@ from pathlib import Path
 
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.issuing import issue
-from madrob_console.archive.run_journal import Details
+from madrob_console.archive.journal_agreement import Details
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import OpenFolder, naming_folder
 from madrob_console.engine.core.scored_run import RenderedResult

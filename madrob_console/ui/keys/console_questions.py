@@ -28,7 +28,7 @@ from madrob_console.ui.keys.questions import (
 )
 
 if TYPE_CHECKING:
-    from madrob_console.archive.run_journal import Unfinished
+    from madrob_console.archive.unfinished_runs import Unfinished
     from madrob_console.engine.snapshot import Snapshot
     from madrob_console.referee.run_summary import RunSummary
 

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from madrob_console.archive.check import Grade, check_run
 from madrob_console.archive.collection import collected, collected_in, filter_problem, matches
-from madrob_console.archive.folders import RunPath, all_runs_at, runs_at
 from madrob_console.archive.history import History
+from madrob_console.archive.run_paths import RunPath, all_runs_at, runs_at
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError

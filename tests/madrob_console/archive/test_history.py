@@ -23,17 +23,12 @@ from madrob_console.archive.folders import (
     RESULT_FILE,
     RESULT_FORMAT,
     RunName,
-    RunPath,
     next_run_number,
 )
 from madrob_console.archive.history import History, earlier_runs
-from madrob_console.archive.run_journal import (
-    MOST_READ,
-    Unfinished,
-    find_unfinished,
-    is_held,
-)
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run
+from madrob_console.archive.unfinished_runs import MOST_READ, Unfinished, find_unfinished, is_held
 from madrob_console.cli.batch import tried
 from madrob_console.cli.score_command import describe_run
 from madrob_console.common.errors import MadrobError

@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX, RunPath
+from madrob_console.archive.folders import PICTURES_FOLDER, PICTURES_INDEX
 from madrob_console.archive.nearest_frames import SIDE
 from madrob_console.archive.picture import (
     MOST_BYTES,
@@ -31,6 +31,7 @@ from madrob_console.archive.picture import (
     jpeg,
     opened,
 )
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_pictures import (
     MOST_PICTURES,
     NO_PICTURES,

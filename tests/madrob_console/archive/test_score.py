@@ -16,10 +16,13 @@ import msgspec
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.archive.check import Grade, check_run, stored_result
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
+from madrob_console.archive.appeal import stored_result
+from madrob_console.archive.check import Grade, check_run
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.history import History
-from madrob_console.archive.repair import RuleChange, next_issue, repair
+from madrob_console.archive.repair import repair
+from madrob_console.archive.rule_change import RuleChange, next_issue
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run, read_recorded_run
 from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError

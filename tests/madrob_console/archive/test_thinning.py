@@ -23,10 +23,11 @@ from madrob_console.archive.evidence_removal import (
     remove_evidence,
     run_going_on,
 )
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.history import History
 from madrob_console.archive.repair import repair
 from madrob_console.archive.run_journal import read_run_journal
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.file_locks import Hold

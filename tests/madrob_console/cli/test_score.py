@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from madrob_console.archive.folders import runs_at
+from madrob_console.archive.run_paths import runs_at
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import score_run
 from madrob_console.cli.output import MOST_ALIKE

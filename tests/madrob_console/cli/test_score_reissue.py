@@ -19,8 +19,8 @@ import pandas as pd
 import pytest
 
 from madrob_console.archive import issuing
-from madrob_console.archive.folders import RunPath
-from madrob_console.archive.repair import RuleChange, next_issue, write_next_issue
+from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run
 from madrob_console.archive.table_columns import RUN_TABLES
 from madrob_console.cli.output import STOPPED

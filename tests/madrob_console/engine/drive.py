@@ -18,7 +18,7 @@ from typing import Any
 from msgspec import structs
 
 from madrob_console.archive import score
-from madrob_console.archive.check import EQUAL
+from madrob_console.archive.appeal import EQUAL
 from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.common.clock import Clock, VirtualClock
 from madrob_console.common.names import SourceKind

@@ -16,12 +16,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.archive.check import EQUAL, check_run
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RunPath, next_run_number
+from madrob_console.archive.appeal import EQUAL
+from madrob_console.archive.check import check_run
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, next_run_number
 from madrob_console.archive.history import History
 from madrob_console.archive.repair import repair
 from madrob_console.archive.result_document import result_schema
 from madrob_console.archive.run_journal import read_run_journal
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_run
 from madrob_console.engine.core import run_lines
 from madrob_console.engine.requests import JumpTo

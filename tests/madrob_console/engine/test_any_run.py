@@ -15,7 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.folders import JOURNAL_FILE, RunPath
+from madrob_console.archive.folders import JOURNAL_FILE
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_opened
 from madrob_console.referee.acts import (
     ACT_CALLED,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.run_journal import Unfinished
+from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core import state_view
 from madrob_console.engine.core.effects import (

@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.folders import JOURNAL_FILE, RunPath
-from madrob_console.archive.run_journal import find_unfinished
+from madrob_console.archive.folders import JOURNAL_FILE
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_opened
+from madrob_console.archive.unfinished_runs import find_unfinished
 from madrob_console.referee.acts import (
     Abort,
     Act,

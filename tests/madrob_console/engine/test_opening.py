@@ -11,10 +11,11 @@ import msgspec
 import pytest
 
 from madrob_console.archive.check import Grade, check_run
-from madrob_console.archive.folders import RunPath, next_run_number
+from madrob_console.archive.folders import next_run_number
 from madrob_console.archive.history import History
-from madrob_console.archive.repair import RuleChange, next_issue, write_next_issue
-from madrob_console.archive.run_journal import is_held
+from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
+from madrob_console.archive.run_paths import RunPath
+from madrob_console.archive.unfinished_runs import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.pages.competition import competition_standings
 from madrob_console.referee.acts import Abort, Act, DeclareTimeout, Finalise, Rule, SetUp

@@ -12,8 +12,9 @@ import msgspec
 import pytest
 
 from madrob_console.archive.check import check_run
-from madrob_console.archive.folders import NUMBERS_FILE, PRACTICE_FOLDER, RunPath, runs_at
+from madrob_console.archive.folders import NUMBERS_FILE, PRACTICE_FOLDER
 from madrob_console.archive.history import History
+from madrob_console.archive.run_paths import RunPath, runs_at
 from madrob_console.archive.scored import read_recorded_run
 from madrob_console.messages.codec import encode_text
 from madrob_console.messages.message_types import Message, MessageTypes

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.folders import RunPath
 from madrob_console.archive.history import History
-from madrob_console.archive.result_files import stored_run
 from madrob_console.archive.run_journal import ever_protested
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_pictures import write_frames
+from madrob_console.archive.stored_runs import stored_run
 from madrob_console.archive.table_columns import RUNS, rows_of
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError

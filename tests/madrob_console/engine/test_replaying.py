@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive import score
-from madrob_console.archive.check import EQUAL
+from madrob_console.archive.appeal import EQUAL
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import (

@@ -14,7 +14,7 @@ import pytest
 
 from madrob_console.archive import MadrobError, score
 from madrob_console.archive import tables as all_tables
-from madrob_console.archive.folders import RunPath, runs_at
+from madrob_console.archive.run_paths import RunPath, runs_at
 from madrob_console.archive.table_columns import (
     DOOR,
     RUN_TABLES,

@@ -19,9 +19,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE, RunPath
-from madrob_console.archive.result_files import stored_run
+from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_once
+from madrob_console.archive.stored_runs import stored_run
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import read_all
@@ -576,6 +577,6 @@ def test_a_run_that_could_not_be_read_once_is_in_the_tables_the_next_time(
         return stored_run(run)
 
     for reading, missing in ((read, 2), (stored_run, 1)):  # practice and this one
-        monkeypatch.setattr("madrob_console.archive.result_files.stored_run", reading)
+        monkeypatch.setattr("madrob_console.archive.stored_runs.stored_run", reading)
         table = (publish(results) / "data/runs.csv").read_text()
         assert len(table.splitlines()) - 1 == len(RUNS) - missing

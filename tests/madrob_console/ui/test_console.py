@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from madrob_console.archive.run_journal import Unfinished
+from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import ThemeName
 from madrob_console.config.tables import ConsoleSettings

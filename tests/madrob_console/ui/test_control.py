@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from textual import events
 
-from madrob_console.archive.run_journal import Unfinished
+from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.engine.ipc.wire import EngineClient
 from madrob_console.engine.snapshot import RightToAct
 from madrob_console.referee import run as runs

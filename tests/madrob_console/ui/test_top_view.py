@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from madrob_console.archive.check import EQUAL
+from madrob_console.archive.appeal import EQUAL
 from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.requests import (

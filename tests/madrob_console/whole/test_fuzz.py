@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from madrob_console.archive import score
 from madrob_console.archive.history import History
-from madrob_console.archive.run_journal import find_unfinished
 from madrob_console.archive.scored import open_run
+from madrob_console.archive.unfinished_runs import find_unfinished
 from madrob_console.common.errors import MadrobError
 from madrob_console.config.settings import load_settings
 from madrob_console.config.settings_example import example_toml

@@ -21,10 +21,10 @@ import pytest
 
 from madrob_console.archive import score
 from madrob_console.archive.check import Grade, check_run
-from madrob_console.archive.folders import RunPath
 from madrob_console.archive.result_reader import read_result
-from madrob_console.archive.run_journal import find_unfinished
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_opened
+from madrob_console.archive.unfinished_runs import find_unfinished
 from madrob_console.engine.core.engine_core import RETRY_PERIOD
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import Abort, AddNote, DeclareTimeout, Finalise, Start

@@ -15,10 +15,10 @@ from madrob_console.archive.folders import (
     JOURNAL_FILE,
     PRACTICE_FOLDER,
     RESULT_FILE,
-    RunPath,
     results_folder_of,
 )
 from madrob_console.archive.history import History
+from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run
 from madrob_console.cli.main import main
 from madrob_console.cli.output import BAD_INPUT

@@ -1,0 +1,121 @@
+"""Compares a result with its journal, which is what counts."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive.result_document import ResultDocument
+from madrob_console.archive.run_journal import read_run_journal
+from madrob_console.common.plain_files import read_all
+from madrob_console.referee.journal import LARGEST_JOURNAL, Entry, read_journal
+from madrob_console.referee.rebuild import Change, mark_of
+from madrob_console.referee.records import JournalMark
+from madrob_console.referee.run import Run
+
+Details = dict[str, int | str]
+
+_DIGEST = "sha256"
+
+
+class _Marked(msgspec.Struct):
+    issue: int = 0
+    journal: JournalMark | None = None
+
+
+def written_details(result: bytes | memoryview) -> Details:
+    """What the journal's line `result written` says of a `result.json`."""
+    said = msgspec.json.decode(result, type=_Marked)
+    lines = 0 if said.journal is None else said.journal.lines
+    return {"issue": said.issue, "lines": lines, _DIGEST: hashlib.sha256(result).hexdigest()}
+
+
+def is_noted(data: bytes, folder: Path) -> bool:
+    """Whether the journal has the digest of a `result.json`: it is as it was written."""
+    digest = hashlib.sha256(data).hexdigest().encode()
+    try:
+        return digest in read_all(folder / JOURNAL_FILE, LARGEST_JOURNAL)
+    except OSError:
+        return False
+
+
+def was_changed(data: bytes, folder: Path) -> bool:
+    """Whether a `result.json` differs from the one that the journal says was written.
+
+    The journal's line follows the file, and a kill can come between. So a result of more lines
+    than the last one noted waits for its line. A journal of an earlier version has no digests,
+    and one that cannot be used says nothing here.
+    """
+    if is_noted(data, folder):
+        return False
+    try:
+        entries, _ = read_journal(folder / JOURNAL_FILE)
+    except OSError:
+        return False
+    noted = _noted_in(entries)
+    if not noted or _DIGEST not in noted[-1]:
+        return False
+    try:
+        mark = msgspec.json.decode(data, type=_Marked).journal
+    except msgspec.MsgspecError:
+        return True
+    return mark != mark_of(entries) or noted[-1].get("lines") == mark.lines
+
+
+def waits_for_line(data: bytes, folder: Path) -> bool:
+    """Whether the journal lacks the line `result written` of a `result.json`.
+
+    A kill does that, and so does somebody who deletes the line. A journal of an earlier version has
+    no digests.
+    """
+    try:
+        noted = _noted_in(read_journal(folder / JOURNAL_FILE)[0])
+    except OSError:
+        return False
+    return not is_noted(data, folder) and (not noted or _DIGEST in noted[-1])
+
+
+def _noted_in(entries: Iterable[Entry]) -> list[Mapping[str, Any]]:
+    return [entry.details for entry in entries if entry.what == Change.RESULT_WRITTEN]
+
+
+def disagreement(result: ResultDocument, folder: Path) -> str | None:
+    """Why a result does not agree with its journal; None = it does, or there is none."""
+    try:
+        run = read_run_journal(folder).run
+    except FileNotFoundError:
+        return None
+    return ", ".join(disagreements(result, run)) or None
+
+
+def disagreements(result: ResultDocument, run: Run) -> Iterator[str]:
+    """The differences between a result and the state of its run; cheap, numbers left out.
+
+    `result` may be of a version without the journal's mark; `run` has all lines and the mark.
+    """
+    issue = max(1, run.issue)
+    if result.issue != issue:
+        yield f"version {result.issue}, the journal has version {issue}"
+    word = "not final" if result.closure is None else result.closure.team_word
+    said = "not final" if run.closure is None else run.closure.team_word.value
+    if word != said:
+        yield f"{word}, in the journal {said}"
+    if result.outcome is not run.ending.outcome:
+        yield f"{result.outcome}, in the journal {run.ending.outcome}"
+    if (result.voided is None) is not (run.voided is None):
+        yield "void, in the journal it counts" if result.voided else "void in the journal only"
+    made_of = result.journal or None
+    if made_of and run.journal and made_of != run.journal:
+        yield f"made of {made_of.lines} lines of the journal, which has {run.journal.lines}"
+
+
+def out_of_date(why: str) -> str:
+    return (
+        f"{RESULT_FILE} is not what the journal says ({why}): an engine that starts makes it again,"
+        " and so does `madrob recover`"
+    )
