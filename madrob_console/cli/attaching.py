@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, assert_never
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values, options
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.config import Settings
@@ -52,12 +52,12 @@ def owned_testbed(arguments: argparse.Namespace, settings: Settings) -> Owned:
     """Names that the testbed's engine owns; the same command line gives the same names."""
     named = arguments.testbed or [settings.testbed.kind or SourceKind.ROS]
     kind = SourceKind(named[0])
-    results = options.results_folder(arguments, settings).resolve()
+    results = option_values.results_folder(arguments, settings).resolve()
     match kind:
         case SourceKind.ROS:
             if arguments.speed != 1:
                 raise MadrobError("--speed: a live testbed has its own; leave the option out")
-            domain = domain_id(options.ros_domain(arguments, settings), os.environ)
+            domain = domain_id(option_values.ros_domain(arguments, settings), os.environ)
             return owned_by(kind, domain, results=results)
         case SourceKind.REPLAY:  # nothing is kept, and its keys change the speed
             paths = (Path(path).expanduser().absolute() for path in named[1:])
@@ -149,7 +149,7 @@ def _checked(
     engine: RemoteEngine, arguments: argparse.Namespace, settings: Settings
 ) -> RemoteEngine:
     """Refuse an engine that keeps its runs in another folder than the one that was meant."""
-    wanted = options.results_folder(arguments, settings)
+    wanted = option_values.results_folder(arguments, settings)
     named = arguments.testbed and arguments.testbed[0] == SourceKind.REPLAY
     if not named and engine.results.resolve() != wanted.resolve():
         engine.close()

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.command_line import Argument, MadrobCommand, command
-from madrob_console.cli.output import complain, progress
+from madrob_console.cli.output import complain
 from madrob_console.cli.parsing import as_path, number_within
+from madrob_console.cli.progress import progress
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
 from scoring.protocol import Side

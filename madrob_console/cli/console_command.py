@@ -9,7 +9,7 @@ from enum import Enum, auto
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values, options
 from madrob_console.cli.command_line import Argument, command
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, ThemeName, terminal_safe
@@ -95,15 +95,15 @@ def show(arguments: argparse.Namespace, role: Role, shown: Shown = Shown.SCREENS
     if shown not in _LINES:
         instead = "run" if role is Role.REFEREE else "watch --plain"
         check_terminal(os.environ, (sys.__stdin__, sys.__stdout__), instead)
-    own = options.results_folder(arguments, options.settings_of(arguments)).resolve()
+    own = option_values.results_folder(arguments, option_values.settings_of(arguments)).resolve()
     engines = engines_meant(arguments, own)
     elsewhere = role is Role.REFEREE and any(engine.results != own for engine in engines)
     if len(engines) > 1 or elsewhere:
         return ask_which(engines, "console" if role is Role.REFEREE else "watch", own)
     if engines:
         mean(arguments, engines[0])
-    settings = options.settings_of(arguments)
-    results = options.results_folder(arguments, settings)
+    settings = option_values.settings_of(arguments)
+    results = option_values.results_folder(arguments, settings)
     owned_testbed(arguments, settings)  # what cannot be is said before anything is painted
     at = _check_replay(arguments) if _replays(arguments) else None
     if role is Role.WATCH:
@@ -172,9 +172,9 @@ def _check_replay(arguments: argparse.Namespace) -> float | None:
 def _read_lists(arguments: argparse.Namespace, settings: Settings) -> None:
     """Refuse lists that are given and cannot be read, before anything is painted."""
     if arguments.teams is not None:
-        options.team_list(arguments, settings)
+        option_values.team_list(arguments, settings)
     if arguments.plan is not None:
-        options.plan_list(arguments, settings)
+        option_values.plan_list(arguments, settings)
 
 
 def check_lists(client: EngineClient, arguments: argparse.Namespace, settings: Settings) -> None:
@@ -184,8 +184,8 @@ def check_lists(client: EngineClient, arguments: argparse.Namespace, settings: S
         return
     teams, plan = snapshot.teams.file, snapshot.plan.file
     for option, what, there, source in (
-        ("teams", "teams file", teams, options.team_source(arguments, settings)),
-        ("plan", "plan's file", plan, options.plan_source(arguments, settings)),
+        ("teams", "teams file", teams, option_values.team_source(arguments, settings)),
+        ("plan", "plan's file", plan, option_values.plan_source(arguments, settings)),
     ):
         if getattr(arguments, option) is None or there == source.file_words:
             continue

@@ -1,4 +1,4 @@
-"""What `madrob doctor` says: whether this machine can referee, and what stands in the way."""
+"""The doctor's findings about this machine: whether it can referee, and what to change."""
 
 from __future__ import annotations
 
@@ -7,26 +7,23 @@ import locale
 import os
 import shutil
 import sys
-import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli.doctor_ros import Finding, Severity, look_at_ros, overheard
+from madrob_console.cli.doctor_ros import look_at_ros
+from madrob_console.cli.finding import Finding, Severity
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.formatting import counted, format_size, listed
+from madrob_console.common.formatting import counted, format_size
 from madrob_console.engine.ipc.engine_lock import no_state, state_folder
 from madrob_console.referee.competition_plan import PlanSource, plan_remarks
-from madrob_console.referee.evidence_state import EvidenceTopic
 from madrob_console.referee.lists import TeamSource
-from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
-from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
-from madrob_console.testbeds.ros_domain import domain_id
 
 if TYPE_CHECKING:
     from madrob_console.messages.codec import TopicMapping
+
 
 SMALLEST_TERMINAL = (80, 24)
 
@@ -142,9 +139,6 @@ def _safely(subject: str, check: Callable[[], Iterator[Finding]]) -> Iterator[Fi
         yield Finding(Severity.WARNING, subject, f"could not be looked at ({first})")
 
 
-# Findings about the competition's teams and plan.
-
-
 def look_at_lists(teams: TeamSource, plan: PlanSource, timeout: float = 0.0) -> Iterator[Finding]:
     """A list with a fault has warnings and no other finding; each attempt may take `timeout`, s."""
     listed, planned = teams.read(), plan.read()
@@ -161,9 +155,6 @@ def look_at_lists(teams: TeamSource, plan: PlanSource, timeout: float = 0.0) -> 
         yield Finding(Severity.OK, "plan", text)
 
 
-# A finding about the engine's socket.
-
-
 def look_at_state_folder() -> Finding:
     """Check where the engine's lock and log lie."""
     try:
@@ -173,115 +164,3 @@ def look_at_state_folder() -> Finding:
         return Finding(Severity.OK, "state", str(folder))
     except MadrobError as error:
         return Finding(Severity.ERROR, "state", str(error))
-
-
-# Findings about the evidence: topics that would be recorded now, and their cost.
-
-
-LISTENS = 4.0
-"""Listening time once a topic is found, s."""
-
-PATIENCE = 10.0
-"""Timeout for topics that are not seen yet, s: on a busy machine some take as long."""
-
-_LOOK_PERIOD, _REST = 0.5, 0.02
-_HOUR = 3600.0
-
-
-def look_at_evidence(
-    choice: EvidenceChoice,
-    own_topics: Collection[str],
-    domain: int | None,
-    budget: int,
-    environment: Mapping[str, str],
-    ros_args: Sequence[str] = (),
-) -> Iterator[Finding]:
-    """Report which topics match now, their rates, and what an hour of recording costs.
-
-    `own_topics` are recorded anyway. `domain` None = as the environment has it. `budget` is in
-    bytes. `ros_args` remap names, as a launch file does.
-    """
-    if not choice.topics:
-        yield Finding(Severity.OK, "evidence", "none is wanted: setting `recording.topics`")
-        return
-    try:
-        with overheard() as lines:
-            seen = _listen(choice, own_topics, domain, environment, ros_args)
-    except MadrobError as error:
-        yield Finding(Severity.WARNING, "evidence", str(error))
-        return
-    topics = seen.topics()
-    yield from (_evidence_topic(topic, choice.limit(topic.topic)) for topic in topics)
-    if topics:
-        yield _whole(topics, budget)
-    yield from (Finding(Severity.WARNING, "evidence", words) for words in _missing_evidence(seen))
-    yield from (Finding(Severity.WARNING, "ros says", words) for words in lines)
-
-
-def _listen(
-    choice: EvidenceChoice,
-    own_topics: Collection[str],
-    domain: int | None,
-    environment: Mapping[str, str],
-    ros_args: Sequence[str],
-) -> EvidenceIntakes:
-    """Listen for a while; returns what was listened with, closed."""
-    intakes = EvidenceIntakes(
-        domain_id(domain, environment),
-        choice,
-        own_topics,
-        ros_args=ros_args,
-        environment=environment,
-        name="doctor_evidence",
-    )
-    looked, ends, found = 0.0, time.monotonic() + PATIENCE, False
-    try:
-        while (now := time.monotonic()) < ends:
-            if now - looked >= _LOOK_PERIOD:
-                looked = now
-                intakes.discover(recording=False)
-            for _ in intakes.take_messages(time.time_ns):
-                pass
-            if not found and not intakes.unseen and _comes(intakes.topics()):
-                found, ends = True, now + LISTENS
-            time.sleep(_REST)
-        return intakes
-    finally:
-        intakes.close()
-
-
-def _comes(topics: Sequence[EvidenceTopic]) -> bool:
-    return not topics or any(topic.rate for topic in topics)
-
-
-def _missing_evidence(seen: EvidenceIntakes) -> Iterator[str]:
-    """What is not there of what is wanted."""
-    if seen.unseen:
-        within = f"not seen within {PATIENCE:g} s: start what does, or correct the patterns"
-        yield f"nobody publishes {', '.join(seen.unseen)}, {within}"
-    if seen.left_over:
-        too_many = counted(len(seen.left_over), "topic")
-        yield f"{too_many} too many, {listed(seen.left_over)}: exclude some"
-
-
-def _evidence_topic(topic: EvidenceTopic, limit: TopicLimit) -> Finding:
-    rate = f"{topic.rate:.1f} Hz, {topic.byte_rate / 1e6:.2f} MB/s"
-    if limit.most_rate is not None:
-        rate += f" (at most {limit.most_rate:g} Hz by `recording.limits`)"
-    lost = f", {topic.lost_count} lost on the way (`madrob guide testbed`)" if topic.lost else ""
-    text = f"evidence, {topic.type}, {rate}{lost}"
-    problem = topic.problem or ("nothing comes now" if topic.silent else "")
-    if problem:
-        return Finding(Severity.WARNING, topic.topic, f"{text}: {problem}")
-    return Finding(Severity.WARNING if topic.lost else Severity.OK, topic.topic, text)
-
-
-def _whole(topics: Sequence[EvidenceTopic], budget: int) -> Finding:
-    byte_rate = sum(topic.byte_rate for topic in topics)
-    hours = (
-        f", the budget of {budget / 1e9:g} GB is {budget / byte_rate / _HOUR:.1f} h"
-        if byte_rate
-        else ""
-    )
-    text = f"{counted(len(topics), 'topic')}, {byte_rate * _HOUR / 1e9:.2f} GB an hour{hours}"
-    return Finding(Severity.OK, "evidence", text)

@@ -22,8 +22,8 @@ from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.stored_runs import stored_run
 from madrob_console.archive.table_columns import RUNS, Row
 from madrob_console.cli.batch import Tried, tried
-from madrob_console.cli.doctor_ros import Finding, Severity
-from madrob_console.cli.output import Tell
+from madrob_console.cli.finding import Finding, Severity
+from madrob_console.cli.progress import Tell
 from madrob_console.cli.sharing import in_order
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted, listed

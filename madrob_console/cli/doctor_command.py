@@ -6,13 +6,15 @@ import argparse
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values, options
 from madrob_console.cli.command_line import Argument, OneOf, command
-from madrob_console.cli.output import BAD_INPUT, print_json, progress
+from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.parsing import as_path
+from madrob_console.cli.progress import progress
+from madrob_console.cli.safe_stream import print_json
 
 if TYPE_CHECKING:
-    from madrob_console.cli.doctor_ros import Finding
+    from madrob_console.cli.finding import Finding
     from madrob_console.config import Settings
 
 OFF = 1
@@ -58,7 +60,7 @@ _ARCHIVE_WIDTH = 11
 )
 def doctor(arguments: argparse.Namespace) -> int:
     """Print the findings as they come; exit code 0 if the console runs here, or scores right."""
-    from madrob_console.cli.doctor_ros import SUBJECT_WIDTH, line
+    from madrob_console.cli.finding import SUBJECT_WIDTH, line
 
     found: list[Finding] = []
 
@@ -88,14 +90,14 @@ def doctor(arguments: argparse.Namespace) -> int:
 def _look(arguments: argparse.Namespace, tell: Callable[[Finding], None]) -> tuple[str, int]:
     from madrob_console.cli.doctor import doctor, look_at_lists, usable, verdict
 
-    settings = options.settings_of(arguments)
-    teams = options.team_source(arguments, settings)
-    plan = options.plan_source(arguments, settings)
+    settings = option_values.settings_of(arguments)
+    teams = option_values.team_source(arguments, settings)
+    plan = option_values.plan_source(arguments, settings)
     findings = []
     for finding in doctor(
         settings.mappings(),
-        options.results_folder(arguments, settings),
-        domain=options.ros_domain(arguments, settings),
+        option_values.results_folder(arguments, settings),
+        domain=option_values.ros_domain(arguments, settings),
         disk_space=settings.checks.disk_space,
         lists=lambda: look_at_lists(teams, plan, settings.run.timeout),
         evidence=lambda: _evidence(arguments, settings),
@@ -108,13 +110,13 @@ def _look(arguments: argparse.Namespace, tell: Callable[[Finding], None]) -> tup
 def _evidence(arguments: argparse.Namespace, settings: Settings) -> Iterator[Finding]:
     import os
 
-    from madrob_console.cli.doctor import look_at_evidence
+    from madrob_console.cli.doctor_evidence import look_at_evidence
     from madrob_console.cli.session import own_topics
     from madrob_console.messages.message_types import MessageTypes
 
     recording = settings.recording
     own = own_topics(settings, MessageTypes())
-    domain = options.ros_domain(arguments, settings)
+    domain = option_values.ros_domain(arguments, settings)
     return look_at_evidence(recording.choice, own, domain, recording.budget_bytes, os.environ)
 
 

@@ -1,4 +1,4 @@
-"""The doctor's findings about ROS 2 and the testbed's topics."""
+"""The doctor's findings about ROS 2 and the testbed's topics, and what libraries print."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ import time
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, field
-from enum import IntEnum
 from functools import partial
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryFile
 
+from madrob_console.cli.finding import Finding, Severity
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
@@ -39,43 +38,6 @@ from madrob_console.testbeds.ros.watches import DOOR_NODE, SET_PARAMETERS
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.source import TopicStatus
 from scoring.protocol import Signal
-
-# A finding of the doctor.
-
-SUBJECT_WIDTH = len("/madrob/passage/ccw_right")
-
-
-class Severity(IntEnum):
-    """How bad a finding is."""
-
-    OK = 0
-    WARNING = 1
-    ERROR = 2
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing that the doctor checked.
-
-    Attributes:
-        severity: WARNING = the console runs, but look at it; ERROR = it does not run.
-        text: what was found and, unless all is well, the remedy; one line.
-        runs: those it is about by their places, each with the words for it.
-    """
-
-    severity: Severity
-    subject: str
-    text: str
-    runs: Mapping[str, str] = field(default_factory=dict)
-
-
-def line(finding: Finding, width: int = SUBJECT_WIDTH) -> str:
-    """`width` is that of the subject."""
-    return f"{finding.severity.name.lower():7}  {finding.subject:{width}}  {finding.text}"
-
-
-# Text that libraries write to the terminal past Python, captured.
-
 
 MOST_LINES = 5
 
@@ -247,9 +209,6 @@ def _take(source: RosSource, duration: float, decoder: Decoder) -> Counter[str]:
             with suppress(MessageError):  # the source has told of another type
                 decoder.decode(message)
     return counts
-
-
-# Topics that may carry a signal that nobody publishes.
 
 
 _JOINT = "position[name=door]"

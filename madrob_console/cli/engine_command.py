@@ -9,7 +9,7 @@ import threading
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values, options
 from madrob_console.cli.command_line import Argument, MadrobCommand, command
 from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.cli.parsing import whole_within
@@ -108,7 +108,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     from madrob_console.engine.ipc.service import ServiceManager, keep_told
 
     manager = ServiceManager(os.environ)
-    settings = options.settings_of(arguments)
+    settings = option_values.settings_of(arguments)
     owned = owned_testbed(arguments, settings)
     with ExitStack() as stack:
         try:
@@ -130,8 +130,8 @@ def _serve(arguments: argparse.Namespace) -> int:
         reporting = reporting_of(arguments, settings, engine, reports=settings.results.reports)
         supervisor = Supervisor(*engine.workers, *reporting.workers)
         _follow_lists(
-            options.team_source(arguments, settings),
-            options.plan_source(arguments, settings),
+            option_values.team_source(arguments, settings),
+            option_values.plan_source(arguments, settings),
             engine,
             reporting,
             stack,

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from string import Template
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values
 from madrob_console.cli.attaching import TAKEN, engine_options, owned_testbed
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
@@ -49,7 +49,7 @@ CapabilityBoundingSet="""
 
 def print_unit(arguments: argparse.Namespace) -> int:
     """Print `engine.service`, filled in; makes the folders that a system service writes to."""
-    settings = options.settings_of(arguments)
+    settings = option_values.settings_of(arguments)
     owned = owned_testbed(arguments, settings)
     if owned.kind is SourceKind.REPLAY:
         raise MadrobError("a replay needs no service: use --testbed ros or simulated")

@@ -34,7 +34,7 @@ from madrob_console.common.names import terminal_safe
 )
 def eurobench(arguments: argparse.Namespace) -> int:
     """Score the files, then write the indicators, each file atomically."""
-    from madrob_console.cli.score_output import result_lines
+    from madrob_console.cli.result_lines import result_lines
     from madrob_console.common.files import atomic_writes, make_folder
     from scoring.eurobench.published import evaluate_published
     from scoring.eurobench.run_files import indicator_files, read_files

@@ -9,10 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values, options
 from madrob_console.cli.command_line import Argument, command
-from madrob_console.cli.output import BAD_INPUT, Complaints, complain, progress
+from madrob_console.cli.output import BAD_INPUT, Complaints, complain
 from madrob_console.cli.parsing import as_path
+from madrob_console.cli.progress import progress
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
@@ -85,9 +86,9 @@ def export(arguments: argparse.Namespace) -> int:
         if arguments.dossier:
             contents = dossier_contents(arguments.run.absolute())
         else:
-            settings = options.settings_of(arguments)
-            listed_runs = options.collection(arguments, settings)
-            teams = options.team_names(arguments, settings, listed_runs)
+            settings = option_values.settings_of(arguments)
+            listed_runs = option_values.collection(arguments, settings)
+            teams = option_values.team_names(arguments, settings, listed_runs)
             contents = team_contents(
                 listed_runs,
                 arguments.subject,

@@ -7,7 +7,7 @@ import sys
 from importlib import resources
 
 from madrob_console.cli.command_line import Argument, command
-from madrob_console.cli.output import raw
+from madrob_console.cli.safe_stream import raw
 
 PAGES = {
     "referee": "a run from set-up to signature, keys, protests, words",

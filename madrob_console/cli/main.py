@@ -6,18 +6,12 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from madrob_console.cli.batch import find_runs
+from madrob_console.cli.chosen_runs import find_runs
 from madrob_console.cli.command_line import Argument, MadrobCommand, Main, TellAction, print_help
-from madrob_console.cli.output import (
-    BAD_INPUT,
-    StoppedError,
-    complain,
-    forget,
-    interruptible,
-    safe_output,
-    say_stopped,
-)
+from madrob_console.cli.interruption import interruptible, say_stopped
+from madrob_console.cli.output import BAD_INPUT, StoppedError, complain
 from madrob_console.cli.parsing import Parser
+from madrob_console.cli.safe_stream import forget, safe_output
 from madrob_console.common.errors import MadrobError
 from recorder.errors import RecorderError
 from scoring.protocol import ScoringError

@@ -6,9 +6,10 @@ import argparse
 import time
 from dataclasses import replace
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values, options
 from madrob_console.cli.command_line import Argument, command
-from madrob_console.cli.output import BAD_INPUT, Complaints, complain, put_bytes
+from madrob_console.cli.output import BAD_INPUT, Complaints, complain
+from madrob_console.cli.safe_stream import put_bytes
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
@@ -46,17 +47,17 @@ def plan(arguments: argparse.Namespace) -> int:
     if arguments.conditions:
         print("\n".join(condition_lines()))
         return 0
-    settings = options.settings_of(arguments)
-    listed = options.plan_list(arguments, settings)
+    settings = option_values.settings_of(arguments)
+    listed = option_values.plan_list(arguments, settings)
     if not listed.lines and (listed.problems or not listed.file):
         raise MadrobError("no plan: name a file in [plan] of the settings, or with --plan")
-    teams = options.team_list(arguments, settings).names
+    teams = option_values.team_list(arguments, settings).names
     remarks = [*plan_remarks(listed.lines, teams, settings.run.timeout)]
     bad = bool(listed.notes or remarks)
     listed = replace(listed, remarks=(*listed.remarks, *remarks))
     chosen: str | None = arguments.competition
     competition = settings.competition.name if chosen is None else chosen
-    collection = options.collection(arguments, settings)
+    collection = option_values.collection(arguments, settings)
     progress = plan_progress(listed, collection.runs, competition)
     if arguments.json:
         put_bytes(plan_json(progress, competition, teams, software_version()))

@@ -7,10 +7,11 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import batch, options
+from madrob_console.cli import chosen_runs, option_values, options
 from madrob_console.cli.command_line import Argument, command
-from madrob_console.cli.output import BAD_INPUT, Complaints, complain, name_some, progress
+from madrob_console.cli.output import BAD_INPUT, Complaints, complain, name_some
 from madrob_console.cli.parsing import as_path
+from madrob_console.cli.progress import progress
 from madrob_console.common.names import is_rehearsal, terminal_safe
 from scoring.imports import imports_kept
 
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
             metavar="FOLDER",
             help="an empty or new folder, or one published before",
         ),
-        *batch.WHICH_RUNS,
+        *chosen_runs.WHICH_RUNS,
         options.TEAMS,
         options.PLAN,
         *options.COLLECTION,
@@ -58,14 +59,14 @@ def publish(arguments: argparse.Namespace) -> int:
             write_site,
         )
 
-    settings = options.settings_of(arguments)
-    batch.demand_results(arguments, settings)
+    settings = option_values.settings_of(arguments)
+    chosen_runs.demand_results(arguments, settings)
     site: Path = arguments.site
     if is_rehearsal(settings.competition.name):
         site = rehearsal_folder(site)
     try:
         with site_held(site):  # before the runs are read: nobody's older pages come after newer
-            listed_runs = options.collection(arguments, settings)
+            listed_runs = option_values.collection(arguments, settings)
             content = _content(arguments, settings, listed_runs, site)
             with progress("files") as tell:
                 written = write_site(site, site_files(content), tell)
@@ -75,7 +76,7 @@ def publish(arguments: argparse.Namespace) -> int:
     missing = "no report of its result to show; `madrob report` makes it"
     without = [run.folder for run in runs_without_report(content)]
     name_some([f"{folder}: {missing}" for folder in without], "runs without a report")
-    batch.name_practice_alone(content.standings, listed_runs)
+    chosen_runs.name_practice_alone(content.standings, listed_runs)
     with Complaints() as complaints:
         complaints.add_each(listed_runs.unlisted)
         complaints.add_each((run.folder, run.problem) for run in content.runs if run.problem)
@@ -96,13 +97,13 @@ def _content(
 
     official = not arguments.practice
     title, runs = entering_runs(listed_runs.runs, arguments.competition, official=official)
-    plan = options.plan_list(arguments, settings)
-    teams = options.team_names(arguments, settings, listed_runs)
+    plan = option_values.plan_list(arguments, settings)
+    teams = option_values.team_names(arguments, settings, listed_runs)
     name = title if runs else settings.competition.name
     return SiteContent(
         root=listed_runs.root,
         runs=[run for run in runs if not run.twin and not run.never_ran],
-        standings=batch.standings(arguments, settings, listed_runs, teams),
+        standings=chosen_runs.standings(arguments, settings, listed_runs, teams),
         plan=plan_progress(plan, listed_runs.runs, name) if plan.lines else None,
         names=teams,
         software=software_version(),

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from madrob_console.cli import options
 from madrob_console.cli.command_line import command
-from madrob_console.cli.output import BAD_INPUT, Complaints, counted_off
+from madrob_console.cli.output import BAD_INPUT, Complaints
+from madrob_console.cli.progress import counted_off
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from recorder.errors import RecorderError

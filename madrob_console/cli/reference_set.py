@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 
 from madrob_console.archive.scored import score_recording
-from madrob_console.cli.doctor_ros import Finding, Severity
+from madrob_console.cli.finding import Finding, Severity
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import read_all
 from madrob_console.common.version import DISTRIBUTION

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from madrob_console.cli import options
 from madrob_console.cli.command_line import Argument, command
-from madrob_console.cli.output import BAD_INPUT, Complaints, complain, counted_off
+from madrob_console.cli.output import BAD_INPUT, Complaints, complain
 from madrob_console.cli.parsing import as_path
+from madrob_console.cli.progress import counted_off
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.pages import PictureFormat

@@ -6,7 +6,7 @@ import argparse
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values, options
 from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.parsing import as_setting, number, number_within
@@ -120,16 +120,13 @@ def run(arguments: argparse.Namespace) -> int:
 
         from madrob_console.cli.attaching import owned_testbed
         from madrob_console.cli.running_engines import owning
-        from madrob_console.cli.session import (
-            UnattendedRun,
-            open_engine,
-            reporting_of,
-        )
+        from madrob_console.cli.session import open_engine, reporting_of
+        from madrob_console.cli.unattended_run import UnattendedRun
         from madrob_console.common.version import software_version
         from madrob_console.engine.runtime.supervisor import Supervisor
         from madrob_console.engine.snapshot import label_of
 
-    settings = options.settings_of(arguments)
+    settings = option_values.settings_of(arguments)
     owned = owned_testbed(arguments, settings)
     if owned.kind is SourceKind.REPLAY:
         raise MadrobError(
@@ -137,8 +134,8 @@ def run(arguments: argparse.Namespace) -> int:
             "`madrob console --testbed replay RUN` shows it"
         )
     engine = open_engine(arguments, settings)
-    teams = options.team_list(arguments, settings)
-    plan = options.plan_list(arguments, settings)
+    teams = option_values.team_list(arguments, settings)
+    plan = option_values.plan_list(arguments, settings)
     engine.set_teams(teams)
     engine.set_plan(plan)
     reports = settings.results.reports and not arguments.no_report
@@ -182,7 +179,7 @@ def _setup(
     from madrob_console.referee.competition_plan import Task
     from madrob_console.referee.records import RunSetup
 
-    condition = options.condition_of(arguments)
+    condition = option_values.condition_of(arguments)
     number = arguments.run_number
     if number is None:
         proposal = engine.next_run_number(arguments.subject, condition.number, practice=practice)

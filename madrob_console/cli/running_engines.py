@@ -1,4 +1,7 @@
-"""Engines that run: status, stop, which one is meant, and what one of them owns."""
+"""Engines that run: their status, their end, and which one a command line means.
+
+Also the locks and answers of a process that is itself a testbed's engine.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values, options
 from madrob_console.cli.attaching import option_words, owned_testbed
-from madrob_console.cli.output import BAD_INPUT, complain, print_json, says_yes
+from madrob_console.cli.output import BAD_INPUT, complain, says_yes
+from madrob_console.cli.safe_stream import print_json
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import RELEASE
@@ -144,15 +148,15 @@ def _wanted(arguments: argparse.Namespace) -> dict[str, object]:
     wanted: dict[str, object] = {}
     results = arguments.results
     if arguments.rehearsal:
-        results = options.results_folder(arguments, options.settings_of(arguments))
+        results = option_values.results_folder(arguments, option_values.settings_of(arguments))
     if arguments.pid is not None:
         wanted["pid"] = arguments.pid
     if arguments.testbed is not None:
-        settings = options.settings_of(arguments)
+        settings = option_values.settings_of(arguments)
         owned = owned_testbed(arguments, settings)
         if owned.kind is SourceKind.SIMULATED:  # whatever is simulated in its results folder
             wanted["kind"] = owned.kind.value
-            results = options.results_folder(arguments, settings)
+            results = option_values.results_folder(arguments, settings)
         else:
             wanted["stem"] = owned.stem
     elif arguments.domain is not None:
@@ -204,9 +208,6 @@ def _say(engine: FoundEngine, words: str, code: int = 0) -> int:
     return code
 
 
-# The locks and the answers of a process that is a testbed's engine.
-
-
 @contextmanager
 def owning(
     arguments: argparse.Namespace, owned: Owned, wire_version: int = 0
@@ -251,9 +252,6 @@ def _console_options(arguments: argparse.Namespace, owned: Owned) -> tuple[str, 
     if arguments.settings is not None:
         words.append(f"--settings={arguments.settings.absolute()}")
     return tuple(words)
-
-
-# A command line without a testbed: it means the engine that runs.
 
 
 _NAMING = ("testbed", "domain", "results", "rehearsal", "settings", *options.SIMULATION)

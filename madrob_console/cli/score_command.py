@@ -258,7 +258,7 @@ def describe_run(
 def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: bool) -> RunText:
     # they load numpy and SciPy, which a program that only hands out work does without
     from madrob_console.archive.scored import score_run
-    from madrob_console.cli.score_output import comparison_lines, result_lines
+    from madrob_console.cli.result_lines import comparison_lines, result_lines
 
     scored = score_run(run, rules)
     if as_json:
@@ -275,7 +275,7 @@ def _scored(run: RunPath, rules: tuple[RulesetName | None, ...], *, as_json: boo
 def _document(scored: tuple[ScoredPath, ...]) -> dict[str, Any]:
     import msgspec
 
-    from madrob_console.cli.score_output import difference
+    from madrob_console.cli.result_lines import difference
 
     flags = {"flags": msgspec.to_builtins(scored[0].flags)}
     label: dict[str, Any] = msgspec.to_builtins(scored[0].label)

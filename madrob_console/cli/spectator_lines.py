@@ -60,9 +60,6 @@ def follow_engine(open_client: OpenClient, lines: StateLines) -> int:
     raise BrokenPipeError
 
 
-# One JSON object a line.
-
-
 def json_lines(before: Snapshot | None, now: Snapshot) -> Iterator[str]:
     """The state in JSON, where more has changed than times and the numbers in faults."""
     state = SpectatorState.of_snapshot(now)
@@ -78,8 +75,6 @@ def _timeless(state: SpectatorState) -> SpectatorState:
 def _numberless(fault: str) -> str:
     return re.sub(r"\d+(\.\d+)?", "", fault)
 
-
-# One sentence an event.
 
 _TOLD = tuple(
     act.log.partition("{")[0] or act.name

@@ -6,10 +6,11 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import batch, options
+from madrob_console.cli import chosen_runs, option_values, options
 from madrob_console.cli.command_line import Argument, OneOf, command
-from madrob_console.cli.output import BAD_INPUT, Complaints, put_bytes
+from madrob_console.cli.output import BAD_INPUT, Complaints
 from madrob_console.cli.parsing import as_path
+from madrob_console.cli.safe_stream import put_bytes
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from scoring.imports import imports_kept
@@ -42,7 +43,7 @@ def _file(flag: str, text: str) -> Argument:
         Argument(
             "--details", action="store_true", help="all statistics, each condition and all together"
         ),
-        *batch.WHICH_RUNS,
+        *chosen_runs.WHICH_RUNS,
         options.TEAMS,
         *options.COLLECTION,
         options.SETTINGS,
@@ -75,14 +76,14 @@ def standings(arguments: argparse.Namespace) -> int:
     file, output = arguments.file, arguments.output
     if output is not None and file is None:
         raise MadrobError("--output: say what goes there with --csv, --json or --html")
-    settings = options.settings_of(arguments)
-    batch.demand_results(arguments, settings)
-    collection = options.collection(arguments, settings)
+    settings = option_values.settings_of(arguments)
+    chosen_runs.demand_results(arguments, settings)
+    collection = option_values.collection(arguments, settings)
     details = arguments.details or arguments.best is not None
     if file is None and not details:
         arguments.best = 1
-    teams = options.team_names(arguments, settings, collection)
-    competition = batch.standings(arguments, settings, collection, teams)
+    teams = option_values.team_names(arguments, settings, collection)
+    competition = chosen_runs.standings(arguments, settings, collection, teams)
     if file is None:
         for line in (standings_details if details else standings_lines)(competition):
             print(terminal_safe(line))
@@ -91,7 +92,7 @@ def standings(arguments: argparse.Namespace) -> int:
     else:
         atomic_write(output, makers[file](competition))
         print(terminal_safe(str(output)))
-    batch.name_practice_alone(competition, collection)
+    chosen_runs.name_practice_alone(competition, collection)
     with Complaints() as complaints:
         complaints.add_each(collection.unlisted)
         complaints.add_each(

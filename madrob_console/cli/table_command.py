@@ -16,11 +16,14 @@ from madrob_console.archive.table_columns import (
     column_lines,
     rows_of,
 )
-from madrob_console.cli import options
-from madrob_console.cli.batch import demand_results, each_run
+from madrob_console.cli import option_values, options
+from madrob_console.cli.batch import each_run
+from madrob_console.cli.chosen_runs import demand_results
 from madrob_console.cli.command_line import Argument, MadrobCommand, TellAction, command
-from madrob_console.cli.output import BAD_INPUT, Complaints, counted_off, name_twins, put_bytes
+from madrob_console.cli.output import BAD_INPUT, Complaints, name_twins
 from madrob_console.cli.parsing import as_path
+from madrob_console.cli.progress import counted_off
+from madrob_console.cli.safe_stream import put_bytes
 from madrob_console.common.names import terminal_safe
 from scoring.rulesets import RulesetName
 
@@ -83,9 +86,9 @@ def _runs(arguments: argparse.Namespace, table: TidyTable) -> int:
 
     output: Path = arguments.output
     to_terminal = output == _STDOUT
-    settings = options.settings_of(arguments)
+    settings = option_values.settings_of(arguments)
     demand_results(arguments, settings)
-    listed_runs = options.collection(arguments, settings)
+    listed_runs = option_values.collection(arguments, settings)
     wanted = arguments.competition
     with ExitStack() as stack:
         bad = stack.enter_context(Complaints())

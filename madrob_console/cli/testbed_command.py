@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from functools import partial
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values, options
 from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.parsing import whole_within
 from scoring.imports import imports_kept
@@ -40,10 +40,10 @@ def testbed(arguments: argparse.Namespace) -> int:
     settings = load_settings(arguments.settings)
     serve_testbed(
         simulated_testbed(arguments, settings),
-        options.condition_of(arguments),
+        option_values.condition_of(arguments),
         arguments.repeat,
         say=partial(print, flush=True),
-        domain=options.ros_domain(arguments, settings),
+        domain=option_values.ros_domain(arguments, settings),
         mappings=settings.mappings(),
         ros_args=arguments.ros_args,
     )

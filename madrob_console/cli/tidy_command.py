@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.cli import options
+from madrob_console.cli import option_values, options
 from madrob_console.cli.command_line import Argument, command
-from madrob_console.cli.output import BAD_INPUT, Complaints, counted_off, says_yes, somebody_there
+from madrob_console.cli.output import BAD_INPUT, Complaints, says_yes, somebody_there
 from madrob_console.cli.parsing import period, size, whole_within
+from madrob_console.cli.progress import counted_off
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import free_space
 from madrob_console.common.formatting import counted, format_size
@@ -67,9 +68,9 @@ def tidy(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.archive.evidence_removal import evidence_at, run_going_on
 
-    settings = options.settings_of(arguments)
+    settings = option_values.settings_of(arguments)
     limits = _limits(arguments)
-    root = options.results_folder(arguments, settings)
+    root = option_values.results_folder(arguments, settings)
     if not root.is_dir():
         raise MadrobError(f"{root}: no such results folder; name one with --results")
     free = free_space(root)

@@ -12,7 +12,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from madrob_console.cli.batch import site_arguments
+from madrob_console.cli.chosen_runs import site_arguments
 from madrob_console.config import load_settings
 from madrob_console.referee.run_summary import RunSummary
 from scoring.protocol import Outcome

@@ -16,9 +16,7 @@ from typing import Any
 import pytest
 
 from madrob_console.cli.doctor import (
-    PATIENCE,
     doctor,
-    look_at_evidence,
     look_at_lists,
     look_at_python,
     look_at_results,
@@ -27,13 +25,9 @@ from madrob_console.cli.doctor import (
     usable,
     verdict,
 )
-from madrob_console.cli.doctor_ros import (
-    Finding,
-    Severity,
-    line,
-    look_at_installation,
-    overheard,
-)
+from madrob_console.cli.doctor_evidence import PATIENCE, look_at_evidence
+from madrob_console.cli.doctor_ros import look_at_installation, overheard
+from madrob_console.cli.finding import Finding, Severity, line
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.engine.ipc.engine_lock import state_folder
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, ROBOT_STARTED_TOPIC, TopicMapping

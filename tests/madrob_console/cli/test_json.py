@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from madrob_console.cli.doctor_ros import Severity
+from madrob_console.cli.finding import Severity
 from madrob_console.cli.output import BAD_INPUT
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine_process import EngineProcess

@@ -21,8 +21,8 @@ from typing import IO
 import pytest
 
 from madrob_console.cli import schema_command
+from madrob_console.cli.interruption import STOPPED, interruptible
 from madrob_console.cli.main import main
-from madrob_console.cli.output import STOPPED, interruptible
 from madrob_console.common.names import Scenario
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import recorded

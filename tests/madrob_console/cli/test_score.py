@@ -19,8 +19,8 @@ from madrob_console.archive.run_paths import runs_at
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import score_run
 from madrob_console.cli.output import MOST_ALIKE
+from madrob_console.cli.result_lines import comparison_lines, result_lines
 from madrob_console.cli.score_command import describe_run
-from madrob_console.cli.score_output import comparison_lines, result_lines
 from madrob_console.referee.acts import Rule
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName

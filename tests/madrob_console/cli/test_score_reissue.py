@@ -23,7 +23,7 @@ from madrob_console.archive.rule_change import RuleChange, next_issue, write_nex
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run
 from madrob_console.archive.table_columns import RUN_TABLES
-from madrob_console.cli.output import STOPPED
+from madrob_console.cli.interruption import STOPPED
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.file_locks import Hold
 from madrob_console.referee.acts import Rule

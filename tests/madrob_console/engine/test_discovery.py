@@ -17,7 +17,7 @@ import msgspec
 import pytest
 
 from madrob_console.cli.doctor import look_at_state_folder
-from madrob_console.cli.doctor_ros import Severity
+from madrob_console.cli.finding import Severity
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.archive.history import History
-from madrob_console.cli.session import UnattendedRun
+from madrob_console.cli.unattended_run import UnattendedRun
 from madrob_console.common.errors import MadrobError
 from madrob_console.config import Settings
 from madrob_console.engine.runtime.list_watch import ListWatch, follow_lists
