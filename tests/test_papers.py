@@ -35,7 +35,7 @@ from madrob_console.common.names import REHEARSAL, Scenario, is_rehearsal
 from madrob_console.common.version import RELEASE
 from madrob_console.config import Settings
 from madrob_console.config.settings import parse_settings
-from madrob_console.engine.public_state import event_schema, state_schema
+from madrob_console.engine.state_schemas import event_schema, state_schema
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     ROBOT_TYPES,

@@ -17,9 +17,10 @@ from madrob_console.cli import option_values, options
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.config import Settings
-from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc import greeting
 from madrob_console.engine.ipc.discovery import ask, find_engine, running_engines
-from madrob_console.engine.ipc.engine_lock import Owned, no_state, owned_by, state_folder, this_user
+from madrob_console.engine.ipc.engine_lock import Owned, owned_by, this_user
+from madrob_console.engine.ipc.engine_sockets import no_state, state_folder
 from madrob_console.engine.requests import Role
 from madrob_console.testbeds.ros_domain import domain_id
 
@@ -139,7 +140,7 @@ def _end_idle_practice(owned: Owned) -> None:
             continue
         if (engine.kind, engine.results) == (SourceKind.SIMULATED, owned.results):
             with suppress(TimeoutError, MadrobError):
-                ask(engine.stem, wire.Stop())  # refused if it is used by now
+                ask(engine.stem, greeting.Stop())  # refused if it is used by now
             end = time.monotonic() + _ENDING_TIME
             while time.monotonic() < end and find_engine(engine.stem) is not None:
                 time.sleep(_PERIOD)

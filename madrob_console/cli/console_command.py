@@ -18,7 +18,7 @@ from scoring.imports import imports_kept
 if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.config.tables import ConsoleSettings
-    from madrob_console.engine.ipc.wire import EngineClient
+    from madrob_console.engine.ipc.engine_interface import EngineClient
     from madrob_console.engine.requests import Role
     from madrob_console.ui.link import ConsoleDefaults
 
@@ -153,7 +153,7 @@ def _check_replay(arguments: argparse.Namespace) -> float | None:
     named: str | None = getattr(arguments, "at", None)  # a spectator sees what the referee does
     if named is None and RECORD_NAME in Bag(path).records:
         return None
-    from madrob_console.engine.requests import JumpTo
+    from madrob_console.engine.playback import JumpTo
     from madrob_console.engine.runtime.replay import Replay
     from madrob_console.messages.message_types import MessageTypes
 
@@ -201,7 +201,7 @@ def _move(client: EngineClient, speed: float | None, at: float | None) -> None:
 
     `at` is in s from the start of its run; None keeps the speed or the place.
     """
-    from madrob_console.engine.requests import JumpTo, SetSpeed, Skip
+    from madrob_console.engine.playback import JumpTo, SetSpeed, Skip
 
     playback = client.snapshot().playback
     if playback is None:

@@ -17,7 +17,7 @@ from madrob_console.cli.doctor_ros import look_at_ros
 from madrob_console.cli.finding import Finding, Severity
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted, format_size
-from madrob_console.engine.ipc.engine_lock import no_state, state_folder
+from madrob_console.engine.ipc.engine_sockets import no_state, state_folder
 from madrob_console.referee.competition_plan import PlanSource, plan_remarks
 from madrob_console.referee.lists import TeamSource
 

@@ -18,7 +18,7 @@ from madrob_console.cli.output import BAD_INPUT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import make_folder
 from madrob_console.common.names import SourceKind
-from madrob_console.engine.ipc.engine_lock import state_folder
+from madrob_console.engine.ipc.engine_sockets import state_folder
 
 _ROS_ENVIRONMENT = (
     *("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "ROS_DISTRO", "ROS_VERSION"),

@@ -78,7 +78,8 @@ def export(arguments: argparse.Namespace) -> int:
     check_options(arguments)
     with imports_kept():
         from madrob_console.export.contents import dossier_contents, team_contents
-        from madrob_console.export.pack import BagParts, pack
+        from madrob_console.export.pack import pack
+        from madrob_console.export.packed_bag import BagParts
         from madrob_console.pages.related_runs import RelatedRuns
 
     notes: tuple[str, ...] = ()

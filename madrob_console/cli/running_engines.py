@@ -22,19 +22,18 @@ from madrob_console.cli.safe_stream import print_json
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.version import RELEASE
-from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc import greeting
 from madrob_console.engine.ipc.discovery import (
-    EngineLocks,
     FoundEngine,
     ask,
     has_ended,
-    held,
     process_of,
     running_engines,
     send_signals,
 )
 from madrob_console.engine.ipc.engine_lock import Owned
-from madrob_console.engine.ipc.wire import WhoAnswer
+from madrob_console.engine.ipc.greeting import WhoAnswer
+from madrob_console.engine.ipc.ownership import EngineLocks, held
 from madrob_console.referee.run import Phase
 from madrob_console.ui.look.words import PHASES
 
@@ -79,7 +78,7 @@ def status(*, as_json: bool) -> int:
 
 def _document(engine: FoundEngine) -> dict[str, object]:
     """What `madrob engine status --json` says of an engine (`madrob guide data`)."""
-    answer = engine.answer or wire.WhoAnswer(phase="")
+    answer = engine.answer or greeting.WhoAnswer(phase="")
     return {
         "pid": engine.pid,
         "since": engine.since,
@@ -116,7 +115,7 @@ def status_line(engine: FoundEngine) -> str:
 
 
 def run_words(snapshot: Snapshot) -> str:
-    return ", ".join(filter(None, (PHASES[snapshot.run.phase], wire.run_title(snapshot.run))))
+    return ", ".join(filter(None, (PHASES[snapshot.run.phase], greeting.run_title(snapshot.run))))
 
 
 def stop(arguments: argparse.Namespace) -> int:
@@ -185,10 +184,10 @@ def _end_process(engine: FoundEngine, process: int, *, force: bool) -> int:
     patience, reply = ENDING_TIME, None
     try:
         if answer is not None:
-            reply = ask(engine.stem, wire.Stop(force))
+            reply = ask(engine.stem, greeting.Stop(force))
     except (TimeoutError, MadrobError):
         answer = None
-    if isinstance(reply, wire.StopAnswer) and reply.refused:
+    if isinstance(reply, greeting.StopAnswer) and reply.refused:
         return _say(engine, f"goes on, {terminal_safe(reply.refused)}; {_all_the_same(engine)}", 1)
     if answer is None:
         patience = HANGING_TIME  # one that was stopped has to go on to end in order
@@ -232,7 +231,7 @@ def owning(
             console=_console_options(arguments, owned) if wire_version else (),
             remarks=holding.remarks,
         )
-        by_itself = wire.Rejected(
+        by_itself = greeting.Rejected(
             "a `madrob run` has the testbed: wait for its end, or `madrob engine stop --pid "
             f"{os.getpid()}` ends it"
         )

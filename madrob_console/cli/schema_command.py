@@ -36,7 +36,7 @@ class Described(StrEnum):
 )
 def schema(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.result_document import result_schema, schema_text
-    from madrob_console.engine.public_state import event_schema, state_schema, watch_schema
+    from madrob_console.engine.state_schemas import event_schema, state_schema, watch_schema
 
     schemas = {
         Described.RESULT: result_schema,

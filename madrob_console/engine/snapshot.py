@@ -10,7 +10,8 @@ import msgspec
 
 from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.common.names import REHEARSAL, SourceKind, is_rehearsal
-from madrob_console.engine.requests import PlaybackView, Role, TakeOver
+from madrob_console.engine.playback import PlaybackView
+from madrob_console.engine.requests import Role, TakeOver
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.checks import Check, Freshness
 from madrob_console.referee.competition_plan import NO_PLAN, Plan

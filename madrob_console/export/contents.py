@@ -1,4 +1,4 @@
-"""Which runs go into a zip: those of a team, or one for who decides a protest."""
+"""Which runs go into a zip: those of a team, or one for those who decide a protest."""
 
 from __future__ import annotations
 
@@ -135,9 +135,6 @@ def _all_of_the_other_kind(subject: int, count: int, *, practice: bool) -> str:
     if practice:
         return f"subject {subject} has no practice runs: leave --practice out ({count} official)"
     return f"subject {subject} has no official runs: --practice packs the others ({count})"
-
-
-# One run, with all that a protest is decided by.
 
 
 def dossier_contents(run: Path) -> Contents:

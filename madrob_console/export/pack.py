@@ -2,34 +2,35 @@
 
 from __future__ import annotations
 
-import os
 import posixpath
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Self
+from typing import BinaryIO
 
 import msgspec
 from pandas import DataFrame
 
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
-from madrob_console.archive.nearest_frames import PICTURE_TYPES
 from madrob_console.archive.result_document import SCHEMA_FILE, ResultDocument, schema_text
 from madrob_console.archive.result_reader import LARGEST_RESULT
-from madrob_console.archive.run_journal import (
-    UnusableJournalError,
-    evidence_removed,
-    read_run_journal,
-)
+from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.stored_runs import StoredRun, stored_run
 from madrob_console.archive.table_columns import RUN_TABLES, SAMPLE_TABLES, TidyTable, rows_of
 from madrob_console.archive.table_rows import SampledRun, TableWriter
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
-from madrob_console.common.plain_files import opened_folder, read_all, refusal, stamp_of
+from madrob_console.common.plain_files import read_all, refusal, stamp_of
 from madrob_console.export.foxglove_layout import LAYOUT_FILE, foxglove_layout
+from madrob_console.export.packed_bag import (
+    WHOLE_BAGS,
+    BagParts,
+    PackedBag,
+    evidence_left_out,
+    size_of,
+)
 from madrob_console.export.papers import (
     COLUMNS_FILE,
     PROTESTS_FILE,
@@ -44,8 +45,6 @@ from madrob_console.export.zip_file import Archive
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import RunSummary
 from recorder.attachments import FileEnding, attach
-from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
-from recorder.listing import listing
 from scoring.eurobench.csv_table import parse_table
 from scoring.eurobench.run_files import LARGEST_TABLE
 from scoring.protocol import ScoringError
@@ -62,20 +61,6 @@ _EUROBENCH = {
     "*_event.csv": ("time", "event"),
 }
 """The columns of EUROBENCH's tables (protocol section 5)."""
-
-
-@dataclass(frozen=True, slots=True)
-class BagParts:
-    """Parts of bags to pack: the scored recording, without which a bag is left out; evidence.
-
-    Evidence is cameras and other topics.
-    """
-
-    recording: bool = True
-    evidence: bool = True
-
-
-WHOLE_BAGS = BagParts()
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +141,7 @@ def pack(
         cameras = {topic for bag in bags.values() for topic in bag.cameras}
         layout = msgspec.json.encode(foxglove_layout(_newest(stored), sorted(cameras)))
         archive.add_file(LAYOUT_FILE, msgspec.json.format(layout, indent=2) + b"\n", what.time)
-        left_out = [*_left_out(bags, parts), *archive.problems]
+        left_out = [*evidence_left_out(bags, parts), *archive.problems]
         text = readme(what.title, runs, archive.sums, what.other_names, left_out)
         archive.add_file(README_FILE, text, what.time)
         archive.finish(what.time)
@@ -280,77 +265,3 @@ def folder_for(file: Path) -> Iterator[None]:
             with suppress(OSError):  # somebody else has put something there
                 folder.rmdir()
         raise
-
-
-# The files of a bag that are packed: evidence is large and not always wanted.
-
-_TORN = "is evidence that is not whole: `madrob recover` repairs it, then export again"
-
-
-@dataclass(frozen=True, slots=True)
-class PackedBag:
-    """A bag as it is packed.
-
-    Attributes:
-        without: whether a file of this name of the run's folder is left out.
-        written: the `metadata.yaml` of what is packed, where it is not the folder's.
-        has_evidence: whether there is some, packed or not.
-        problems: evidence that is missing and why, in words.
-        cameras: topics of pictures in the packed evidence.
-    """
-
-    without: Callable[[str], bool]
-    written: Mapping[str, bytes] = field(default_factory=dict)
-    has_evidence: bool = False
-    problems: tuple[str, ...] = ()
-    cameras: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, run: Path, parts: BagParts) -> Self:
-        """Evidence that nobody could open is not packed."""
-        with suppress(OSError):  # what cannot be read is named when it is packed
-            names = os.listdir(run)  # noqa: PTH208  of the names only
-            # a file that was made just before a power cut holds nothing
-            evidence = {name for name in filter(is_evidence, names) if (run / name).lstat().st_size}
-            if not parts.recording:
-                return cls(
-                    lambda name: ".mcap" in name or METADATA_FILE in name,
-                    has_evidence=bool(evidence),
-                )
-            if any(map(is_left_of_evidence, names)):
-                with opened_folder(run) as folder_fd:
-                    listed_bag = listing(folder_fd, None, () if parts.evidence else evidence)
-                # without a listing the recording is torn: then no evidence is listed
-                listed = () if listed_bag is None else listed_bag.more
-                packed = {file.file_name for file in listed}
-                torn = sorted(evidence - packed) if parts.evidence else ()
-                topics = (topic for file in listed for topic in file.topics)
-                return cls(
-                    lambda name: is_left_of_evidence(name) and name not in packed,
-                    {}
-                    if listed_bag is None
-                    else {METADATA_FILE: listed_bag.metadata_yaml().encode()},
-                    bool(evidence),
-                    tuple(f"{name}: {_TORN}" for name in torn),
-                    tuple(topic.name for topic in topics if topic.type in PICTURE_TYPES),
-                )
-        return cls(lambda _name: False)
-
-
-def size_of(run: Path, bag: PackedBag) -> tuple[int, int]:
-    """Bytes of a run's packed files, and how many of these are evidence."""
-    total = evidence = 0
-    for path in run.rglob("[!.]*"):
-        if not bag.without(path.name) and (stamp := stamp_of(str(path))) is not None:
-            total += stamp.size
-            evidence += stamp.size if is_evidence(path.name) else 0
-    return total, evidence
-
-
-def _left_out(bags: Mapping[Path, PackedBag], parts: BagParts) -> list[str]:
-    """What is missing by somebody's will, in words."""
-    words = [] if parts.recording else ["the recording was left out on demand"]
-    if parts != WHOLE_BAGS and any(bag.has_evidence for bag in bags.values()):
-        words.append("the evidence was left out on demand")
-    gone = ((run, evidence_removed(run)) for run in bags)
-    return words + [f"{run.name}: its evidence was {removed}" for run, removed in gone if removed]

@@ -24,13 +24,13 @@ from textual.widget import MountError
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import ThemeName
 from madrob_console.config.tables import ConsoleSettings
+from madrob_console.engine.playback import PlaybackCommand
 from madrob_console.engine.requests import (
     ExportDossier,
     ExportTeam,
     GiveFrames,
     OpenRun,
     Perform,
-    PlaybackCommand,
     TakeOver,
 )
 from madrob_console.referee.acts import Abort, Act, SetUp, Start
@@ -39,22 +39,8 @@ from madrob_console.ui.awaited import PendingRequests
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.console_questions import SelectedRun
-from madrob_console.ui.keys.key_table import (
-    FUNCTION_KEYS,
-    KEYS,
-    PLAYBACK_KEYS,
-    Key,
-    bindings,
-)
-from madrob_console.ui.keys.questions import (
-    NO_REASON,
-    Ask,
-    Copy,
-    Intent,
-    Leave,
-    OtherName,
-    Press,
-)
+from madrob_console.ui.keys.key_table import FUNCTION_KEYS, KEYS, PLAYBACK_KEYS, Key, bindings
+from madrob_console.ui.keys.questions import NO_REASON, Ask, Copy, Intent, Leave, OtherName, Press
 from madrob_console.ui.keys.result_questions import ask_void_instead
 from madrob_console.ui.keys.run_questions import ask_abort
 from madrob_console.ui.keys.terminal_driver import ConsoleDriver, KeysDropped

@@ -8,18 +8,18 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.ipc.wire import UnsureError
+from madrob_console.engine.ipc.engine_interface import UnsureError
 from madrob_console.engine.requests import Perform
 from madrob_console.referee.acts import Abort
 from madrob_console.ui.cells.lines import Tone
 
 if TYPE_CHECKING:
+    from madrob_console.engine.playback import PlaybackCommand
     from madrob_console.engine.requests import (
         ExportDossier,
         ExportTeam,
         GiveFrames,
         OpenRun,
-        PlaybackCommand,
         Request,
         T,
         TakeOver,

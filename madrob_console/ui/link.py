@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.config.tables import DEFAULT_START_POSES, RunDefaults, StartPoseSetting
-from madrob_console.engine.ipc.wire import ON_ITS_WAY, given_up
+from madrob_console.engine.ipc.engine_interface import ON_ITS_WAY, given_up
 from madrob_console.engine.requests import Perform, Request, T
 from scoring.protocol import BenchmarkType, Condition, Side
 
 if TYPE_CHECKING:
-    from madrob_console.engine.ipc.wire import EngineClient
+    from madrob_console.engine.ipc.engine_interface import EngineClient
     from madrob_console.engine.snapshot import Snapshot
     from madrob_console.referee.acts import Act
 

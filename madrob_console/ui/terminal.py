@@ -18,7 +18,7 @@ from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.link import ConsoleDefaults, OpenClient
 
 if TYPE_CHECKING:
-    from madrob_console.engine.ipc.wire import EngineClient
+    from madrob_console.engine.ipc.engine_interface import EngineClient
 
 EXIT_PATIENCE = 3.0
 """A signal ends the console within this time even if its terminal is stalled, s."""

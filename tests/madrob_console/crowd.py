@@ -16,8 +16,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from madrob_console.engine.ipc import wire
-from madrob_console.engine.ipc.engine_lock import connect_to
+from madrob_console.engine.ipc import greeting, wire
+from madrob_console.engine.ipc.engine_sockets import connect_to
 from madrob_console.engine.requests import NextRunNumber, Role
 
 ROOT = Path(__file__).parents[2]
@@ -46,7 +46,7 @@ def crowd(stem: str, watching: int = 0, flood: int = 0, deaf: int = 0) -> Iterat
 def _attached(stem: str, role: Role) -> socket.socket:
     screen = connect_to(stem, 10.0)
     screen.settimeout(None)
-    screen.sendall(wire.frame(wire.Hello(wire.VERSION, role, "one of many")))
+    screen.sendall(wire.frame(greeting.Hello(wire.VERSION, role, "one of many")))
     return screen
 
 

@@ -27,7 +27,7 @@ from madrob_console.archive.folders import (
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.unfinished_runs import find_unfinished
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.ipc.wire import UnsureError
+from madrob_console.engine.ipc.engine_interface import UnsureError
 from madrob_console.engine.requests import NextRunNumber, OpenRun, Perform
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import (

@@ -44,7 +44,7 @@ from madrob_console.engine.core.now import Now
 from madrob_console.engine.core.observation import Observation
 from madrob_console.engine.core.situations import SituationFactory
 from madrob_console.engine.core.state_view import shown_state, testbed_problem
-from madrob_console.engine.requests import PlaybackView
+from madrob_console.engine.playback import PlaybackView
 from madrob_console.engine.snapshot import ExportView, Snapshot
 from madrob_console.messages.codec import (
     REFEREE_ELAPSED_TOPIC,

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from textwrap import shorten
 
+from madrob_console.engine.core.topic_watch import TopicWatch
 from madrob_console.engine.snapshot import (
     DoorView,
-    Extent,
     HandleView,
     LatchView,
     Recent,
@@ -17,8 +16,8 @@ from madrob_console.engine.snapshot import (
     TopicView,
 )
 from madrob_console.messages.codec import TopicMapping
-from madrob_console.referee.checks import Freshness, Health, Presence, SensorLimits
-from madrob_console.referee.records import SILENT, FaultKind, merged
+from madrob_console.referee.checks import Freshness, SensorLimits
+from madrob_console.referee.records import FaultKind, merged
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import RawMessage
 from scoring.events import EventDetector
@@ -31,229 +30,8 @@ from scoring.protocol import (
     Signal,
     Thresholds,
 )
-from scoring.quality import all_in_range, is_reading
 from scoring.rest import FEWEST_SAMPLES, HandleRest, rest_of
-from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
-
-# The course of a signal, for the screens.
-
-
-RECENT = 22.0
-"""How much of it the screens get, s: 20 and what they move on by at once."""
-
-EXTENT = 0.1
-"""Readings within this time are one extent, s."""
-
-
-class RecentReadings:
-    """The extents of the readings of the last `RECENT` s, by steady receive times."""
-
-    def __init__(self) -> None:
-        self._extents: deque[Extent] = deque(maxlen=round(RECENT / EXTENT))
-
-    def add(self, now: float, value: float) -> None:
-        extents, time = self._extents, (now // EXTENT + 0.5) * EXTENT
-        if extents and time < extents[-1].time:
-            extents.clear()  # the clock was stepped back
-        same = extents and time == extents[-1].time
-        before = extents.pop() if same else Extent(time, value, value)
-        extents.append(Extent(time, min(before.low, value), max(before.high, value)))
-
-    def stretches(self, now: float, gap: float) -> Recent:
-        """In parts between which nothing came for longer than `gap`, s."""
-        parts: list[list[Extent]] = []
-        for extent in self._extents:
-            if parts and extent.time - parts[-1][-1].time <= gap:
-                parts[-1].append(extent)
-            elif extent.time > now - RECENT:
-                parts.append([extent])
-        return tuple(map(tuple, parts))
-
-
-# One topic of the testbed, live: its faults, found within 2 s and put in words.
-
-
-WINDOW = 2.0
-"""Window of faults and rates, s: a fault that happened once is shown this long."""
-
-_LONGEST_WORDS = 120
-"""Most characters of a decoder's error."""
-
-
-class TopicWatch:
-    """Follows the messages of one topic."""
-
-    def __init__(self, signal: Signal, limits: SensorLimits, thresholds: Thresholds) -> None:
-        self.signal = signal
-        self.messages = Health(limits.fresh, limits.lost, WINDOW)
-        self.readings = Presence(limits.fresh, limits.lost)
-        self.sensors = {
-            sensor: Presence(limits.fresh, limits.lost)
-            for sensor in PASSAGE_SENSORS
-            if Signal.of_strip(sensor.strip) is signal
-        }
-        self.received = 0
-        self._limits = limits
-        self._thresholds = thresholds
-        self._unreadable = Health(window=WINDOW)
-        self._complaint = ""
-        self._empty = Health(window=WINDOW)
-        self._missing = ""
-        self._disordered = Health(window=WINDOW)
-        self._stamp: float | None = None
-        self._skews: deque[tuple[float, float]] = deque()
-        self._recent = RecentReadings()
-
-    # ------------------------------------------------------------------ what arrives
-
-    def note_arrival(self, now: float) -> None:
-        """`now` is s since the epoch."""
-        self.received += 1
-        self.messages.add(now)
-
-    def receive(self, now: float, sample: Sample | None, error: str | None, angle: float) -> None:
-        """Take a message, or why it cannot be read.
-
-        `now` is s since the epoch. `angle` is the panel's, rad: sensors under it need no reading.
-        """
-        self.note_arrival(now)
-        if error is not None:
-            self._unreadable.add(now)
-            self._complaint = shorten(error, _LONGEST_WORDS, placeholder=" ...")
-        if sample is None:
-            return
-        self._follow_stamp(now, sample)
-        missing = self._missing_in(now, sample, angle)
-        if missing is None:
-            self.readings.newest = now
-            if isinstance(sample, DoorSample | HandleSample):
-                value = sample.angle if isinstance(sample, DoorSample) else sample.force
-                self._recent.add(now, value)
-        else:
-            self._empty.add(now)
-            self._missing = missing
-
-    def _follow_stamp(self, now: float, sample: Sample) -> None:
-        if self._skews and now < self._skews[-1][0]:  # the clock was stepped back, stamps follow
-            self._skews.clear()
-            self._stamp = None
-        previous, self._stamp = self._stamp, sample.time
-        if sample.time == 0 or (previous is not None and sample.time <= previous):
-            self._disordered.add(now)
-        if sample.time != 0:  # else it was never set
-            self._skews.append((now, sample.time - sample.log_time))
-        while self._skews and self._skews[0][0] < now - self._limits.averaging:
-            self._skews.popleft()
-
-    def _missing_in(self, now: float, sample: Sample, angle: float) -> str | None:
-        match sample:
-            case PassageSample():
-                return self._missing_range(now, sample, angle)
-            case DoorSample():
-                return _no_reading("angle", sample.angle, self._thresholds.largest_angle, "rad")
-            case HandleSample():
-                return _no_reading("force", sample.force, self._thresholds.impossible_force, "N")
-            case _:
-                return None
-
-    def _missing_range(self, now: float, sample: PassageSample, angle: float) -> str | None:
-        missing = None
-        if all_in_range(sample):
-            for presence in self.sensors.values():
-                presence.newest = now
-            return None
-        for sensor, presence in self.sensors.items():
-            if is_reading(sample, sensor.element):
-                presence.newest = now
-            elif not self._thresholds.masked(sensor.side, sensor.index, angle):
-                missing = missing or _range_in_words(sample, sensor)
-        return missing
-
-    def recent(self, now: float) -> Recent:
-        return self._recent.stretches(now, self._limits.fresh)
-
-    # ------------------------------------------------------------------ what is wrong
-
-    def skew(self, now: float, extreme: Callable[..., float] = max) -> float | None:
-        """The largest stamp - log time of the last second, s, with its sign.
-
-        With `min` it is the smallest, which no stray stamp decides.
-        """
-        recent = [skew for time, skew in self._skews if time >= now - self._limits.averaging]
-        return extreme(recent, key=abs) if recent else None
-
-    def faults(self, status: TopicStatus | None, now: float) -> dict[FaultKind, str]:
-        faults: dict[FaultKind, str] = {}
-        if status is not None and status.problem:
-            faults[FaultKind.SOURCE] = status.problem
-        if status is not None and status.publishers > 1:
-            faults[FaultKind.SEVERAL_PUBLISHERS] = f"{status.publishers} publishers: keep one"
-        freshness = self.messages.freshness(now)
-        if freshness is Freshness.NEVER:
-            if not self.signal.optional and not faults:  # else it is known why
-                published = status is not None and status.publishers > 0
-                why = SILENT if published else f"{SILENT}, no publisher"
-                faults[FaultKind.NEVER_SEEN] = why
-            return faults
-        if not self.signal.optional:
-            self._find_slowness(faults, freshness, now)
-        self._find_flood(faults, now)
-        self._find_content_faults(faults, now)
-        return faults
-
-    def _find_slowness(
-        self, faults: dict[FaultKind, str], freshness: Freshness, now: float
-    ) -> None:
-        limits, rate = self._limits, self.messages.rate(now)
-        if freshness is not Freshness.FRESH:
-            faults[FaultKind.SILENT] = f"{SILENT} for {self.messages.age(now):.1f} s"
-        elif rate is None and self.received > 1:
-            faults[FaultKind.SLOW] = f"only one message in {WINDOW:g} s"
-        elif rate is not None and rate < limits.least_rate * limits.rate:
-            faults[FaultKind.SLOW] = (
-                f"{limits.rate - rate:.0f} of {limits.rate:.0f} messages/s missing"
-            )
-
-    def _find_flood(self, faults: dict[FaultKind, str], now: float) -> None:
-        rate, usual = self.messages.rate(now), self._limits.rate
-        if rate is not None and rate > self._limits.most_rate * usual:
-            faults[FaultKind.FLOOD] = f"{rate:.0f} messages/s, far above {usual:.0f}"
-
-    def _find_content_faults(self, faults: dict[FaultKind, str], now: float) -> None:
-        total = self.messages.count(now)
-        if unreadable := self._unreadable.count(now):
-            of = f"{unreadable} of {total} messages"
-            faults[FaultKind.UNREADABLE] = f"{of}: {self._complaint}"
-        empty = self._empty.count(now)
-        if empty > (1 - self._limits.least_rate) * total:
-            faults[FaultKind.NO_READING] = (
-                f"no reading in {empty} of {total} messages: {self._missing}"
-            )
-        if disordered := self._disordered.count(now):
-            what = "is missing (0)" if self._stamp == 0 else "repeats or goes back"
-            faults[FaultKind.STAMPS] = f"the stamp {what} in {disordered} of {total} messages"
-        skew = self.skew(now)
-        if skew is not None and abs(skew) >= self._thresholds.largest_skew:
-            where = "ahead" if skew > 0 else "late"
-            faults[FaultKind.SKEW] = f"stamps {abs(skew):.2f} s {where}"
-
-
-def _no_reading(name: str, value: float, largest: float, unit: str) -> str | None:
-    if abs(value) <= largest:
-        return None
-    if math.isfinite(value):
-        return f"{name} {value:+.6g} {unit} is impossible, beyond +-{largest:g} {unit}"
-    return f"{name} is {'NaN or empty' if math.isnan(value) else f'{value:+}'}"
-
-
-def _range_in_words(sample: PassageSample, sensor: PassageSensor) -> str:
-    if sensor.element >= len(sample.ranges):
-        return f"only {len(sample.ranges)} ranges of 4"
-    distance = sample.ranges[sensor.element]
-    low, high = sample.range_min, sample.range_max
-    what = "NaN" if math.isnan(distance) else f"{distance:g} m, outside {low:g} to {high:g} m"
-    return f"range {sensor.element} is {what}"
-
+from scoring.samples import HandleSample, PassageSample, Sample
 
 _ANY_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 

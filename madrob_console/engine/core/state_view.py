@@ -9,7 +9,7 @@ from madrob_console.common.names import is_rehearsal
 from madrob_console.engine.core.current_run import CurrentRun
 from madrob_console.engine.core.now import Now
 from madrob_console.engine.core.observation import NEWEST, Observation
-from madrob_console.engine.requests import PlaybackView
+from madrob_console.engine.playback import PlaybackView
 from madrob_console.engine.snapshot import DoorView, ExportView, LatchView, Snapshot
 from madrob_console.referee.acts import ACTS, Situation
 from madrob_console.referee.checks import Check, CheckState, Freshness

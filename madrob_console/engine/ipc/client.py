@@ -15,9 +15,9 @@ from typing import Any
 import msgspec
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.ipc import wire
-from madrob_console.engine.ipc.engine_lock import connect_to, pid_of_peer
-from madrob_console.engine.ipc.wire import ON_ITS_WAY, awaited, begun, fail
+from madrob_console.engine.ipc import greeting, wire
+from madrob_console.engine.ipc.engine_interface import ON_ITS_WAY, awaited, begun, fail
+from madrob_console.engine.ipc.engine_sockets import connect_to, pid_of_peer
 from madrob_console.engine.priority_queue import PriorityQueue
 from madrob_console.engine.requests import NO_ANSWER, Request, Role, T
 from madrob_console.engine.snapshot import RightToAct, Snapshot
@@ -85,7 +85,7 @@ class RemoteEngine:
         self._socket = connect_to(stem, GREETING_TIME)
         self.pid = pid_of_peer(self._socket)
         try:
-            self._socket.sendall(wire.frame(wire.Hello(wire.VERSION, role, who)))
+            self._socket.sendall(wire.frame(greeting.Hello(wire.VERSION, role, who)))
             self.results, self._snapshot = self._greeted()
         except BaseException:
             self._socket.close()
@@ -149,7 +149,7 @@ class RemoteEngine:
         match wire.receive(self._socket):
             case wire.Welcome(results, state):
                 return Path(results), snapshot_of(state)
-            case wire.Rejected(reason, again):
+            case greeting.Rejected(reason, again):
                 raise (NotYetError if again else MadrobError)(reason)
             case _:
                 raise MadrobError("the engine speaks another language")
@@ -163,7 +163,7 @@ class RemoteEngine:
                     case wire.Reply() as reply:
                         if (waiting := self._pending.pop(reply.number, None)) is not None:
                             waiting.take(reply)
-                    case wire.Rejected(reason):
+                    case greeting.Rejected(reason):
                         self._failure = reason
                         return
         except OSError:

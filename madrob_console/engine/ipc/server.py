@@ -1,7 +1,8 @@
 """The engine's end of the socket: what it is, its end, and its screens, one of which may act.
 
 The server runs beside the engine's thread and holds no state of the run. A screen that does not
-read gets the latest snapshot when it does; nothing waits for it.
+read gets the latest snapshot when it does; nothing waits for it. Errors around the engine, which
+end nothing, are logged once for each kind.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ import msgspec
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.ipc import wire
-from madrob_console.engine.ipc.wire import ServedEngine, UnsureError, WhoAnswer, given_up
+from madrob_console.engine.ipc import greeting, wire
+from madrob_console.engine.ipc.engine_interface import ServedEngine, UnsureError, given_up
+from madrob_console.engine.ipc.greeting import WhoAnswer
 from madrob_console.engine.requests import Command, Request, Role, TakeOver
 from madrob_console.engine.snapshot import RightToAct, Snapshot
 
@@ -52,8 +54,8 @@ MOST_OF_WATCHERS = 2
 
 TOO_MANY = "this screen has too many requests under way: wait for their answers"
 
-STARTING = wire.Rejected("is starting", again=True)
-_ENDS = wire.Rejected("is ending and not gone yet: a disk may hold it up", again=True)
+STARTING = greeting.Rejected("is starting", again=True)
+_ENDS = greeting.Rejected("is ending and not gone yet: a disk may hold it up", again=True)
 
 _GREETING_TIME = 2.0
 _PARTING_TIME = 0.5
@@ -119,14 +121,14 @@ class EngineServer:
         self,
         listening: socket.socket,
         description: WhoAnswer,
-        rejected: wire.Rejected = STARTING,
+        rejected: greeting.Rejected = STARTING,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         listening.setblocking(False)
         self._listening = listening
         self.describe: Callable[[], WhoAnswer] = lambda: description
         self._own_description = description
-        self._rejected: wire.Rejected | None = rejected
+        self._rejected: greeting.Rejected | None = rejected
         self._monotonic = monotonic
         self.over: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._screens: set[_Screen] = set()
@@ -224,7 +226,7 @@ class EngineServer:
                 first = wire.first_of(await _read(reader))
             await self._answer(first, reader, writer)
         except MadrobError as error:
-            writer.write(wire.frame(wire.Rejected(str(error))))
+            writer.write(wire.frame(greeting.Rejected(str(error))))
         except (OSError, asyncio.IncompleteReadError):
             pass  # it has gone, or sent nothing
         except Exception as error:  # noqa: BLE001 - one screen's trouble is no other's
@@ -239,14 +241,14 @@ class EngineServer:
         self, first: wire.First, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         match first:
-            case wire.Who():
+            case greeting.Who():
                 writer.write(wire.frame(self._description()))
-            case wire.Stop(force):
+            case greeting.Stop(force):
                 against = "" if force else self._description().against_stopping
-                writer.write(wire.frame(wire.StopAnswer(against)))
+                writer.write(wire.frame(greeting.StopAnswer(against)))
                 if not against:
                     os.kill(os.getpid(), signal.SIGTERM)
-            case wire.Hello(version) if version != wire.VERSION:
+            case greeting.Hello(version) if version != wire.VERSION:
                 self._troubles.log_trouble(
                     f"a console of version {version} was rejected: this engine speaks version "
                     f"{wire.VERSION}"
@@ -255,9 +257,9 @@ class EngineServer:
                     f"the engine speaks version {wire.VERSION}, this console {version}: `madrob "
                     f"engine stop --pid {os.getpid()}` ends it, then start the console again"
                 )
-            case wire.Hello() if self._rejected is not None:
+            case greeting.Hello() if self._rejected is not None:
                 writer.write(wire.frame(self._rejected))
-            case wire.Hello(_, role, who):
+            case greeting.Hello(_, role, who):
                 self._refuse_too_many(role)
                 await self._serve_screen(_Screen(role, terminal_safe(who)[:100], writer), reader)
 
@@ -316,7 +318,7 @@ class EngineServer:
                     self._look()
             except MadrobError as error:
                 for screen in self._screens:
-                    screen.send(wire.Rejected(str(error)))
+                    screen.send(greeting.Rejected(str(error)))
                 self.over.put(None)
                 return
             # a screen that stalls gets the latest state when it reads again
@@ -419,9 +421,6 @@ async def _read(reader: asyncio.StreamReader) -> bytes:
     if length > wire.LARGEST_REQUEST:
         raise MadrobError(f"a request of {length} bytes is too long")
     return await reader.readexactly(length)
-
-
-# Errors around the engine that end nothing: logged once for each kind.
 
 
 AGAIN = 600.0

@@ -19,7 +19,7 @@ from queue import Empty, SimpleQueue
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.ipc.wire import EngineClient, ServedEngine, given_up
+from madrob_console.engine.ipc.engine_interface import EngineClient, ServedEngine, given_up
 from madrob_console.engine.requests import NO_ANSWER, Perform
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import Abort, Act
@@ -104,9 +104,6 @@ def keep_told(
 
 def _faults(snapshot: Snapshot) -> list[str]:
     return [*filter(None, (snapshot.pulse.words,)), *snapshot.faults]
-
-
-# The abort that other programs of a testbed may call.
 
 
 def begin_abort_over_ros(engine: ServedEngine) -> LookForAnswer:

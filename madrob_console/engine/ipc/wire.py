@@ -10,119 +10,20 @@ a `State` when something has changed, as fast as the screen takes it, and one `R
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
-from concurrent.futures import CancelledError, InvalidStateError
-from contextlib import suppress
+from collections.abc import Iterator
 from os import fspath
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Union, get_args
+from typing import TYPE_CHECKING, Any, TypeVar, Union, get_args
 
 import msgspec
-from msgspec.structs import replace
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.requests import NO_ANSWER, UNSURE, Request, Role
-from madrob_console.referee.journal import Origin
+from madrob_console.engine.ipc.engine_interface import UnsureError
+from madrob_console.engine.ipc.greeting import Hello, Rejected, Stop, StopAnswer, Who, WhoAnswer
+from madrob_console.engine.requests import Request
 
 if TYPE_CHECKING:
     import socket
-    from concurrent.futures import Future
-    from pathlib import Path
-
-    from madrob_console.engine.requests import T
-    from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.referee.run import Run
-
-# The client of a screen: its view of the engine.
-
-
-ON_ITS_WAY = 0.5
-"""Extra wait for the engine's own report that it gave a request up, s."""
-
-
-class UnsureError(MadrobError):
-    """No answer came to a request that may have begun: its effect is unknown."""
-
-
-class EngineClient(Protocol):
-    """A connection to an engine: in this process or in another one."""
-
-    def snapshot(self) -> Snapshot:
-        """The latest snapshot; always the same object while the engine is silent.
-
-        Raises:
-            MadrobError: the engine has failed or the connection is lost.
-        """
-
-    def begin_request(self, request: Request[T]) -> Future[T]:
-        """Have a request carried out; never waits.
-
-        A cancelled request never takes effect; one that has begun cannot be cancelled.
-        """
-
-    def send_request(self, request: Request[T]) -> T:
-        """Have a request carried out; waits no longer than its timeout."""
-
-    def close(self) -> None:
-        """End the connection; an engine in this process ends with it."""
-
-
-class ServedEngine(Protocol):
-    """The engine behind the socket; see `LocalEngine`."""
-
-    @property
-    def results(self) -> Path: ...
-
-    @property
-    def busy(self) -> bool: ...
-
-    @property
-    def unsaved(self) -> bool: ...
-
-    @property
-    def not_on_disk(self) -> Sequence[str]: ...
-
-    def snapshot(self) -> Snapshot: ...
-
-    def begin_request(
-        self,
-        request: Request[T],
-        deadline: float | None = None,
-        *,
-        first: bool = True,
-        origin: Origin = Origin.REFEREE,
-    ) -> Future[T]: ...
-
-
-def begun(answer: Future[Any]) -> bool:
-    if not answer.done():
-        with suppress(RuntimeError):  # it has failed just now
-            return answer.set_running_or_notify_cancel()
-    return False
-
-
-def fail(answer: Future[Any], why: MadrobError | str) -> None:
-    with suppress(InvalidStateError):
-        answer.set_exception(MadrobError(why) if isinstance(why, str) else why)
-
-
-def awaited(answer: Future[T], patience: float) -> T:
-    """The answer to a request, which is given up after `patience` s.
-
-    Raises:
-        UnsureError: it had begun.
-        MadrobError: it failed, or was given up before it began.
-    """
-    try:
-        return answer.result(patience)
-    except CancelledError:
-        raise MadrobError(NO_ANSWER) from None
-    except TimeoutError:
-        raise given_up(answer) from None
-
-
-def given_up(answer: Future[T]) -> MadrobError:
-    return MadrobError(NO_ANSWER) if answer.cancel() else UnsureError(UNSURE)
 
 
 VERSION = 18
@@ -139,94 +40,6 @@ LENGTH = struct.Struct(">I")
 
 ENDING = "ending"
 """The phase of an engine that lets its screens go and closes its files."""
-
-# The first message and what answers it. Fields may be added with a default; none may go or mean
-# something else, and whoever reads passes over what it does not know.
-
-
-class Hello(msgspec.Struct, frozen=True, tag=True):
-    """A screen attaches: its protocol version, role and name for people."""
-
-    version: int
-    role: Role
-    who: str
-
-
-class Who(msgspec.Struct, frozen=True, tag=True):
-    """Who are you? Answered by a `WhoAnswer`."""
-
-
-class Stop(msgspec.Struct, frozen=True, tag=True):
-    """End, with `force` even while a run goes on or screens are attached: a `StopAnswer`."""
-
-    force: bool = False
-
-
-class Rejected(msgspec.Struct, frozen=True, tag=True):
-    """The engine hangs up, and why; `again`: it starts or ends, ask again in a moment."""
-
-    reason: str
-    again: bool = False
-
-
-class WhoAnswer(msgspec.Struct, frozen=True, tag=True):
-    """What an engine says of itself.
-
-    Attributes:
-        version: of the software.
-        wire: the version of the protocol that it speaks with screens; 0 = it takes none.
-        testbed: for people, such as `LIVE ros domain 0`.
-        results: where it keeps the runs; empty if it keeps none.
-        phase: of the current run, or `starting`, `failed`, `ending`.
-        run: the current run, for people.
-        busy: whether a run goes on or is still being recorded.
-        console: the options with which a console attaches to it.
-        unsaved: whether anything of a run is in its memory alone.
-    """
-
-    version: str = ""
-    wire: int = 0
-    testbed: str = ""
-    results: str = ""
-    phase: str = "starting"
-    run: str = ""
-    busy: bool = False
-    screens: int = 0
-    console: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
-    unsaved: bool = False
-
-    def with_run(self, run: Run, *, busy: bool, unsaved: bool = False) -> WhoAnswer:
-        return replace(self, phase=run.phase.value, run=run_title(run), busy=busy, unsaved=unsaved)
-
-    @property
-    def against_stopping(self) -> str:
-        """Why a stop needs `force`, in words; empty = it does not."""
-        reasons = []
-        if self.busy:
-            reasons.append("a run is going on")
-        if self.unsaved:
-            reasons.append("a run is NOT ON DISK yet")
-        if self.screens:
-            one = self.screens == 1
-            reasons.append(
-                "a screen is attached" if one else f"{self.screens} screens are attached"
-            )
-        return ", ".join(reasons)
-
-
-class StopAnswer(msgspec.Struct, frozen=True, tag=True):
-    """The engine ends, unless it is `refused` in words."""
-
-    refused: str = ""
-
-
-def run_title(run: Run) -> str:
-    setup = run.setup
-    return "" if setup is None else f"run {setup.run_number} of subject {setup.subject}"
-
-
-# What follows between a screen and an engine of the same version.
 
 
 class Call(msgspec.Struct, frozen=True, tag=True):

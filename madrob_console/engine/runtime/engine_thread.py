@@ -16,12 +16,12 @@ from madrob_console.archive.folders import parse_folder_name
 from madrob_console.archive.history import History
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.core.scored_run import EarlierRun
-from madrob_console.engine.ipc.wire import awaited, begun, fail
+from madrob_console.engine.curves import Curves
+from madrob_console.engine.ipc.engine_interface import awaited, begun, fail
+from madrob_console.engine.playback import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.priority_queue import PriorityQueue
 from madrob_console.engine.requests import (
     NO_ANSWER,
-    NO_REPLAY,
-    Curves,
     ExportDossier,
     ExportTeam,
     GiveCurves,
@@ -30,7 +30,6 @@ from madrob_console.engine.requests import (
     NextRunNumber,
     OpenRun,
     Perform,
-    PlaybackCommand,
     Request,
     T,
     TakeOver,
@@ -41,9 +40,6 @@ from madrob_console.engine.snapshot import Pulse, Snapshot
 from madrob_console.referee.acts import act_named
 from madrob_console.referee.competition_plan import PlanProgress, plan_progress
 from madrob_console.referee.journal import Origin
-
-# A request that waits for the engine's thread.
-
 
 Done = Callable[[Any], None]
 

@@ -20,7 +20,7 @@ from madrob_console.engine.core.current_run import DECIDED_ANEW, ReplayedRun
 from madrob_console.engine.core.effects import Score, ToPerform
 from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.core.inputs import Input, RunScored
-from madrob_console.engine.requests import (
+from madrob_console.engine.playback import (
     Faster,
     JumpTo,
     PlaybackCommand,

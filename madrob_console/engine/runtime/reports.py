@@ -23,7 +23,7 @@ import msgspec
 
 from madrob_console.archive.folders import FRAMES_FOLDER, INDEX_PAGE
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.ipc.wire import fail
+from madrob_console.engine.ipc.engine_interface import fail
 from madrob_console.engine.runtime.supervisor import Worker
 from madrob_console.engine.snapshot import ExportView
 

@@ -22,7 +22,7 @@ from madrob_console.engine.core.scored_run import (
     RenderedResult,
     ScoringRequest,
 )
-from madrob_console.engine.requests import curves_of
+from madrob_console.engine.curves import curves_of
 from madrob_console.engine.runtime.disk import DiskJobs
 from scoring.assessment import Assessment
 from scoring.kinematics import load_filters

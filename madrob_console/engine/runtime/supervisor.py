@@ -28,7 +28,8 @@ import msgspec
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.ipc.wire import LENGTH, Reply, decoded, fail, frame
+from madrob_console.engine.ipc.engine_interface import fail
+from madrob_console.engine.ipc.wire import LENGTH, Reply, decoded, frame
 from madrob_console.engine.requests import NO_ANSWER
 from madrob_console.engine.runtime.worker_questions import question_parts
 from recorder.errors import remedy

@@ -36,8 +36,8 @@ from madrob_console.engine.core.inputs import (
 from madrob_console.engine.core.now import Now, TestbedState
 from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult
 from madrob_console.engine.core.state_view import NO_ACTS
+from madrob_console.engine.playback import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.public_state import PublishedState
-from madrob_console.engine.requests import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.runtime.backlog import Backlog, Interrupt
 from madrob_console.engine.runtime.disk import DiskThreads, T
 from madrob_console.engine.runtime.evidence_client import EvidenceClient

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from madrob_console.engine.requests import Curve
+from madrob_console.engine.curves import Curve
 from madrob_console.ui.cells.lines import Line, Span, Tone, joined, ruler
 
 # Axes with round numbers, for plots made of cells.

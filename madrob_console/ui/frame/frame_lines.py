@@ -51,7 +51,7 @@ from madrob_console.ui.panes.run_status import (
 )
 
 if TYPE_CHECKING:
-    from madrob_console.engine.requests import PlaybackView
+    from madrob_console.engine.playback import PlaybackView
     from madrob_console.engine.snapshot import RecorderView, Snapshot
 
 LITTLE_DISK = 2_000_000_000

@@ -11,7 +11,8 @@ from madrob_console.archive.folders import lies_in_practice
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import clean_name
-from madrob_console.engine.requests import JumpTo, OpenRun, TakeOver
+from madrob_console.engine.playback import JumpTo
+from madrob_console.engine.requests import OpenRun, TakeOver
 from madrob_console.referee.records import open_protests
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.keys.questions import (

@@ -14,19 +14,16 @@ from typing import TYPE_CHECKING
 
 from textual.binding import Binding
 
-from madrob_console.engine.requests import (
+from madrob_console.engine.playback import (
     LONG_STEP,
     SAMPLE_STEP,
-    ExportDossier,
-    ExportTeam,
     Faster,
-    GiveFrames,
     PlaybackCommand,
     PlayOrPause,
     Skip,
     Slower,
-    TakeOver,
 )
+from madrob_console.engine.requests import ExportDossier, ExportTeam, GiveFrames, TakeOver
 from madrob_console.referee import acts
 from madrob_console.referee.acts.after import PROTEST_OPEN
 from madrob_console.referee.acts.protest import WRITE_NOTE

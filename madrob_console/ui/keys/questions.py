@@ -6,14 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
-from madrob_console.engine.requests import (
-    ExportDossier,
-    ExportTeam,
-    GiveFrames,
-    OpenRun,
-    PlaybackCommand,
-    TakeOver,
-)
+from madrob_console.engine.playback import PlaybackCommand
+from madrob_console.engine.requests import ExportDossier, ExportTeam, GiveFrames, OpenRun, TakeOver
 from madrob_console.referee.acts import Act
 
 

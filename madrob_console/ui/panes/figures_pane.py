@@ -10,7 +10,7 @@ from textual import work
 from textual.binding import Binding, BindingType
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.requests import Curves
+from madrob_console.engine.curves import Curves
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, line, paragraph, with_keys
 from madrob_console.ui.cells.plot import LARGEST, Frame, Mark, Plot, Window

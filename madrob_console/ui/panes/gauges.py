@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from madrob_console.engine.requests import Curve
+from madrob_console.engine.curves import Curve
 from madrob_console.referee.checks import Freshness
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, joined, line
 from madrob_console.ui.cells.plot import Frame, Mark, Plot, Window

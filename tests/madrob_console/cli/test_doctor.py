@@ -29,7 +29,7 @@ from madrob_console.cli.doctor_evidence import PATIENCE, look_at_evidence
 from madrob_console.cli.doctor_ros import look_at_installation, overheard
 from madrob_console.cli.finding import Finding, Severity, line
 from madrob_console.cli.output import BAD_INPUT
-from madrob_console.engine.ipc.engine_lock import state_folder
+from madrob_console.engine.ipc.engine_sockets import state_folder
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, ROBOT_STARTED_TOPIC, TopicMapping
 from madrob_console.referee.competition_plan import PlanSource
 from madrob_console.referee.lists import TeamSource

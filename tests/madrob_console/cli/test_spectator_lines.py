@@ -18,8 +18,9 @@ import jsonschema
 import pytest
 
 from madrob_console.cli.spectator_lines import json_lines, plain_lines
-from madrob_console.engine.public_state import PublishedState, SpectatorState, watch_schema
+from madrob_console.engine.public_state import PublishedState, SpectatorState
 from madrob_console.engine.snapshot import Pulse, Snapshot
+from madrob_console.engine.state_schemas import watch_schema
 from madrob_console.referee.acts import (
     Abort,
     Act,

@@ -23,7 +23,7 @@ from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.common.clock import Clock, VirtualClock
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core.engine_config import EngineConfig
-from madrob_console.engine.requests import PlaybackCommand, PlaybackView, PlayOrPause, SetSpeed
+from madrob_console.engine.playback import PlaybackCommand, PlaybackView, PlayOrPause, SetSpeed
 from madrob_console.engine.runtime.disk import DiskThreads
 from madrob_console.engine.runtime.replay import Replay
 from madrob_console.engine.runtime.scorer import Scorer

@@ -11,9 +11,10 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.ipc import wire
 from madrob_console.engine.ipc.client import RemoteEngine
-from madrob_console.engine.ipc.engine_lock import connect_to, listen_as
+from madrob_console.engine.ipc.engine_interface import EngineClient
+from madrob_console.engine.ipc.engine_sockets import connect_to, listen_as
+from madrob_console.engine.ipc.greeting import WhoAnswer
 from madrob_console.engine.ipc.server import EngineServer
-from madrob_console.engine.ipc.wire import EngineClient, WhoAnswer
 from madrob_console.engine.requests import Perform, Role
 from madrob_console.engine.runtime.disk import DiskThreads
 from madrob_console.engine.runtime.engine_thread import LocalEngine

@@ -26,7 +26,7 @@ from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_run
 from madrob_console.engine.core import run_lines
-from madrob_console.engine.requests import JumpTo
+from madrob_console.engine.playback import JumpTo
 from madrob_console.pages.templates import render
 from madrob_console.referee.acts import (
     ACT_CALLED,

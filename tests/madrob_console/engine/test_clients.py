@@ -14,25 +14,27 @@ import pytest
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.ipc import wire
-from madrob_console.engine.ipc.wire import EngineClient
-from madrob_console.engine.requests import (
-    NO_ANSWER,
+from madrob_console.engine.ipc.engine_interface import EngineClient
+from madrob_console.engine.playback import (
     NO_REPLAY,
-    ExportDossier,
-    ExportTeam,
     Faster,
-    GiveCurves,
-    GiveFrames,
-    GivePlan,
     JumpTo,
-    NextRunNumber,
-    OpenRun,
-    Perform,
     PlayOrPause,
-    Request,
     SetSpeed,
     Skip,
     Slower,
+)
+from madrob_console.engine.requests import (
+    NO_ANSWER,
+    ExportDossier,
+    ExportTeam,
+    GiveCurves,
+    GiveFrames,
+    GivePlan,
+    NextRunNumber,
+    OpenRun,
+    Perform,
+    Request,
     TakeOver,
 )
 from madrob_console.engine.runtime.engine_thread import LocalEngine

@@ -10,12 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from madrob_console.archive.scored import score_opened
-from madrob_console.engine.requests import (
-    MOST_CURVE_POINTS,
-    Curve,
-    Curves,
-    curves_of,
-)
+from madrob_console.engine.curves import MOST_CURVE_POINTS, Curve, Curves, curves_of
 from madrob_console.testbeds.simulated import Scenario
 from scoring.figure_table import Quantity
 from scoring.indicator_table import IndicatorName

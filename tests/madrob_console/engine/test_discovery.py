@@ -21,28 +21,21 @@ from madrob_console.cli.finding import Severity
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.engine.ipc import discovery, engine_lock, wire
+from madrob_console.engine.ipc import discovery, engine_sockets, greeting, ownership, wire
 from madrob_console.engine.ipc.client import RemoteEngine
-from madrob_console.engine.ipc.discovery import (
-    ask,
-    find_engine,
-    held,
-    process_of,
-    running_engines,
-)
+from madrob_console.engine.ipc.discovery import ask, find_engine, process_of, running_engines
 from madrob_console.engine.ipc.engine_lock import (
     LOCK_FILE,
     HeldError,
     Holder,
     Owned,
-    connect_to,
     holder_in,
-    listen_as,
     owned_by,
-    state_folder,
 )
+from madrob_console.engine.ipc.engine_sockets import connect_to, listen_as, state_folder
+from madrob_console.engine.ipc.greeting import Rejected, Who, WhoAnswer
+from madrob_console.engine.ipc.ownership import held
 from madrob_console.engine.ipc.server import EngineServer
-from madrob_console.engine.ipc.wire import Rejected, Who, WhoAnswer
 from madrob_console.engine.requests import Role
 from tests.madrob_console.stranger import open_folder, said_by_stranger, stranger
 
@@ -159,7 +152,7 @@ def test_an_engine_that_has_failed_still_says_so(owned: Owned) -> None:
 
 def test_an_engine_that_starts_says_so_and_a_screen_comes_later(owned: Owned) -> None:
     with answering(owned) as (_, stem):
-        assert ask(stem, wire.Hello(wire.VERSION, Role.REFEREE, "ada")) == Rejected(
+        assert ask(stem, greeting.Hello(wire.VERSION, Role.REFEREE, "ada")) == Rejected(
             "is starting", again=True
         )
 
@@ -217,9 +210,9 @@ def test_without_locks_an_engine_is_kept_off_by_those_that_are_found(
         assert thaw.wait(50.0)
         raise OSError(37, "No locks available")
 
-    monkeypatch.setattr(discovery, "lock_results", hangs)
+    monkeypatch.setattr(ownership, "lock_results", hangs)
     with monkeypatch.context() as patched:
-        patched.setattr(discovery, "_LOCKING_TIME", 0.05)
+        patched.setattr(ownership, "_LOCKING_TIME", 0.05)
         with held(owned) as hung:
             assert "it does not answer: other engines are not kept off" in str(hung.remarks)
     thaw.set()
@@ -286,7 +279,7 @@ def test_a_folder_whose_lock_cannot_be_opened_is_refused(
     def refuses(_folder: Path) -> int:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(discovery, "lock_results", refuses)
+    monkeypatch.setattr(ownership, "lock_results", refuses)
     words = "is another user's: delete it, or use another"
     with pytest.raises(HeldError, match=words), held(owned):
         pass
@@ -494,7 +487,7 @@ def test_another_program_on_the_socket_is_no_engine_and_is_not_ended(owned: Owne
 def test_an_engine_that_hangs_with_a_full_backlog_is_found_and_named_at_once(
     owned: Owned, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(engine_lock, "_BACKLOG", 0)
+    monkeypatch.setattr(engine_sockets, "_BACKLOG", 0)
     with held(owned), closing(connect_to(owned.stem, 1.0)):
         began = time.monotonic()
         found = find_engine(owned.stem)

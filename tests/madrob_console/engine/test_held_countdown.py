@@ -14,7 +14,7 @@ from madrob_console.archive import score
 from madrob_console.archive.collection import matches
 from madrob_console.archive.history import History
 from madrob_console.cli.unattended_run import UnattendedRun
-from madrob_console.engine.requests import JumpTo
+from madrob_console.engine.playback import JumpTo
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC
 from madrob_console.referee.acts import (
     Abort,

@@ -22,7 +22,7 @@ from madrob_console.archive.stored_runs import stored_run
 from madrob_console.archive.table_columns import RUNS, rows_of
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.requests import JumpTo, Skip
+from madrob_console.engine.playback import JumpTo, Skip
 from madrob_console.engine.runtime.replay import Replay
 from madrob_console.export.contents import dossier_contents
 from madrob_console.export.papers import PROTESTS_FILE, README_FILE

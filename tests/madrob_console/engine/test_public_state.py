@@ -9,8 +9,8 @@ import jsonschema
 import pytest
 
 from madrob_console.cli.main import main
-from madrob_console.engine.public_state import event_schema, state_schema
 from madrob_console.engine.snapshot import Weight
+from madrob_console.engine.state_schemas import event_schema, state_schema
 from madrob_console.messages.codec import (
     LARGEST_WORDS,
     REFEREE_ELAPSED_TOPIC,

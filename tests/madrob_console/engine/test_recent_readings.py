@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.engine.core.sensors import EXTENT, RECENT, RecentReadings
+from madrob_console.engine.core.topic_watch import EXTENT, RECENT, RecentReadings
 from madrob_console.engine.snapshot import Recent
 from scoring.figure_table import EventMark, marked_events
 from scoring.protocol import Event

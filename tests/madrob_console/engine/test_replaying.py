@@ -16,7 +16,7 @@ from madrob_console.archive import score
 from madrob_console.archive.appeal import EQUAL
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.requests import (
+from madrob_console.engine.playback import (
     Faster,
     JumpTo,
     PlaybackCommand,

@@ -19,19 +19,11 @@ from hypothesis import strategies as st
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.ipc import client as screens
-from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc import greeting, wire
 from madrob_console.engine.ipc.client import snapshot_of
 from madrob_console.engine.ipc.server import MOST_UNDER_WAY, TOO_MANY
-from madrob_console.engine.requests import (
-    ExportTeam,
-    JumpTo,
-    NextRunNumber,
-    PlaybackCommand,
-    PlayOrPause,
-    Role,
-    SetSpeed,
-    TakeOver,
-)
+from madrob_console.engine.playback import JumpTo, PlaybackCommand, PlayOrPause, SetSpeed
+from madrob_console.engine.requests import ExportTeam, NextRunNumber, Role, TakeOver
 from madrob_console.engine.runtime.replay import Replay
 from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import Pulse, RightToAct
@@ -190,7 +182,7 @@ def say(served: Served, data: bytes) -> None:
 
 
 def test_rubbish_on_the_socket_is_rejected_and_the_engine_goes_on(served: Served) -> None:
-    hello = wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, "x"))
+    hello = wire.frame(greeting.Hello(wire.VERSION, Role.REFEREE, "x"))
     for data in RUBBISH:
         say(served, data)
         say(served, hello + data)
@@ -285,7 +277,7 @@ def test_a_screen_that_asks_and_never_reads_is_bounded_in_memory(served: Served)
     """Its requests are not taken from the socket any more."""
     call = wire.frame(wire.Call(1, time.monotonic() + 600.0, wire.raw(NextRunNumber(3, 1))))
     with served.connect() as deaf:
-        deaf.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, "deaf")))
+        deaf.sendall(wire.frame(greeting.Hello(wire.VERSION, Role.REFEREE, "deaf")))
         deaf.settimeout(1.0)
         with pytest.raises(TimeoutError):
             deaf.sendall(100_000 * call)

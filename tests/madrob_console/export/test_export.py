@@ -37,7 +37,7 @@ from madrob_console.common.names import terminal_safe
 from madrob_console.export import pack, zip_file
 from madrob_console.export.contents import file_name, team_contents
 from madrob_console.export.foxglove_layout import foxglove_layout
-from madrob_console.export.pack import BagParts
+from madrob_console.export.packed_bag import BagParts
 from madrob_console.export.papers import protests_text
 from madrob_console.export.zip_file import LONGEST_PATH
 from madrob_console.messages.codec import (

@@ -28,7 +28,7 @@ from textual.widget import Widget
 from textual.worker import WorkerCancelled
 
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.engine.ipc.wire import EngineClient
+from madrob_console.engine.ipc.engine_interface import EngineClient
 from madrob_console.engine.requests import Request
 from madrob_console.referee.acts import Act
 from madrob_console.referee.records import RunSetup

@@ -27,6 +27,7 @@ from madrob_console.common.clock import NS, Clock, VirtualClock, nanoseconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core.engine_config import EngineConfig
+from madrob_console.engine.playback import PlaybackCommand
 from madrob_console.engine.priority_queue import PriorityQueue
 from madrob_console.engine.requests import (
     ExportDossier,
@@ -36,7 +37,6 @@ from madrob_console.engine.requests import (
     NextRunNumber,
     OpenRun,
     Perform,
-    PlaybackCommand,
     Request,
     T,
     TakeOver,

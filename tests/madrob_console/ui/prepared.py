@@ -10,10 +10,7 @@ import msgspec
 
 from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.engine.core.scored_run import PastRun, RenderedResult, ScoringRequest
-from madrob_console.engine.requests import (
-    Curve,
-    Curves,
-)
+from madrob_console.engine.curves import Curve, Curves
 from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.referee.records import RunSetup
 from scoring.assessment import Assessment

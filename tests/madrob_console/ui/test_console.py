@@ -16,8 +16,9 @@ from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import ThemeName
 from madrob_console.config.tables import ConsoleSettings
-from madrob_console.engine.ipc.wire import EngineClient, UnsureError
-from madrob_console.engine.requests import UNSURE, PlaybackCommand, Role, TakeOver
+from madrob_console.engine.ipc.engine_interface import EngineClient, UnsureError
+from madrob_console.engine.playback import PlaybackCommand
+from madrob_console.engine.requests import UNSURE, Role, TakeOver
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.referee.acts import Abort, DeclareTimeout
 from madrob_console.referee.lists import TeamList

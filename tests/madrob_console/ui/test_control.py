@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from textual import events
 
 from madrob_console.archive.unfinished_runs import Unfinished
-from madrob_console.engine.ipc.wire import EngineClient
+from madrob_console.engine.ipc.engine_interface import EngineClient
 from madrob_console.engine.snapshot import RightToAct
 from madrob_console.referee import run as runs
 from madrob_console.referee.acts import Abort, Start

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.requests import Curve, Curves
+from madrob_console.engine.curves import Curve, Curves
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.ui.cells.lines import Line
 from madrob_console.ui.cells.plot import TOP, Extreme, Frame, Mark, Plot, Window

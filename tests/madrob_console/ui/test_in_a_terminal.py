@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.ipc import wire
+from madrob_console.engine.ipc import greeting, wire
 from madrob_console.engine.requests import Role
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
@@ -241,7 +241,7 @@ def first_console(served: Served, state: str, stack: ExitStack) -> Callable[[], 
         stack.callback(client.close)
         return client.close
     console = stack.enter_context(served.connect())
-    console.sendall(wire.frame(wire.Hello(wire.VERSION, Role.REFEREE, FIRST)))
+    console.sendall(wire.frame(greeting.Hello(wire.VERSION, Role.REFEREE, FIRST)))
     until(lambda: served.server._referee is not None)
     return console.close
 

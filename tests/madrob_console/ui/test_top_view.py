@@ -15,9 +15,8 @@ from rich.cells import cell_len
 from madrob_console.archive.appeal import EQUAL
 from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import SourceKind
-from madrob_console.engine.requests import (
+from madrob_console.engine.playback import (
     Faster,
-    GiveFrames,
     JumpTo,
     PlaybackCommand,
     PlaybackView,
@@ -25,6 +24,7 @@ from madrob_console.engine.requests import (
     Skip,
     Slower,
 )
+from madrob_console.engine.requests import GiveFrames
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.checks import Freshness
 from madrob_console.ui.cells.lines import plain

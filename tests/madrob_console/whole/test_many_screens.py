@@ -14,8 +14,8 @@ import pytest
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.ipc.client import RemoteEngine
+from madrob_console.engine.ipc.engine_interface import UnsureError, awaited
 from madrob_console.engine.ipc.server import FOR_REFEREES, MOST_SCREENS
-from madrob_console.engine.ipc.wire import UnsureError, awaited
 from madrob_console.engine.requests import NO_ANSWER, NextRunNumber, Perform, Role
 from madrob_console.referee.acts import Abort, Act, AddNote, DeclareTimeout
 from madrob_console.referee.run import Phase
