@@ -42,7 +42,7 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.pages.outputs import COLUMNS
+from madrob_console.pages.standings_files import COLUMNS
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.ros.abort_service import SERVICE_PACKAGE
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU

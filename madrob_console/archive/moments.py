@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import terminal_safe
-from madrob_console.referee.records import open_protests
+from madrob_console.referee.protests import open_protests
 from madrob_console.referee.run import Run
 from scoring.protocol import event_words
 

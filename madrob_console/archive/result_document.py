@@ -21,6 +21,7 @@ from madrob_console.common.names import SourceKind, is_rehearsal
 from madrob_console.messages.topic_mapping import TopicMapping
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import Flag
+from madrob_console.referee.protests import Protest, open_protests
 from madrob_console.referee.records import (
     AcceptedDoubts,
     Closure,
@@ -29,16 +30,14 @@ from madrob_console.referee.records import (
     Incident,
     JournalMark,
     Note,
-    Protest,
     Reissuing,
     RemovedEvidence,
-    RunSetup,
     TakenBack,
     Voiding,
     Waiver,
-    open_protests,
 )
 from madrob_console.referee.run import VALID_OUTCOMES
+from madrob_console.referee.run_setup import RunSetup
 from scoring.indicator_table import WITH_THE_START, IndicatorName
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling

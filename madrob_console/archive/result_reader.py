@@ -17,7 +17,8 @@ from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_journal import recorded_competition
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import open_plain, read_bounded, refusal
-from madrob_console.referee.records import Reissuing, StoredRuleset
+from madrob_console.referee.records import Reissuing
+from madrob_console.referee.run_setup import StoredRuleset
 from madrob_console.referee.run_summary import Name, StartTime
 from scoring.libraries import Libraries
 from scoring.protocol import ScoringError

@@ -20,8 +20,8 @@ from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.flags import RECORD_LOST
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import after
-from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Run
+from madrob_console.referee.run_setup import RunSetup
 from scoring.assessment import Assessment
 from scoring.protocol import Thresholds
 from scoring.rest import HandleRest

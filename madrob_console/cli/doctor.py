@@ -19,7 +19,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted, format_size
 from madrob_console.engine.ipc.engine_sockets import no_state, state_folder
 from madrob_console.referee.competition_plan import PlanSource, plan_remarks
-from madrob_console.referee.lists import TeamSource
+from madrob_console.referee.team_list import TeamSource
 
 if TYPE_CHECKING:
     from madrob_console.messages.codec import TopicMapping

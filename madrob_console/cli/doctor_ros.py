@@ -23,7 +23,8 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
 from madrob_console.messages.codec import STRIPS, Decoder, TopicMapping
-from madrob_console.messages.message_types import MessageError, MessageTypes, find_field
+from madrob_console.messages.message_fields import find_field
+from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import (
     REMEDY,

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from madrob_console.engine.runtime.reports import Reporting
     from madrob_console.engine.runtime.testbed_engine import Engine
     from madrob_console.referee.competition_plan import PlanSource
-    from madrob_console.referee.lists import TeamSource
+    from madrob_console.referee.team_list import TeamSource
 
 FAILED = 1
 """Exit code of an engine that failed: systemd starts it again."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from madrob_console.archive.collection import Collection
     from madrob_console.config import Settings
     from madrob_console.referee.competition_plan import Plan, PlanSource
-    from madrob_console.referee.lists import TeamList, TeamSource
+    from madrob_console.referee.team_list import TeamList, TeamSource
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:
@@ -80,7 +80,7 @@ def run_paths(arguments: argparse.Namespace, settings: Settings) -> list[Path]:
 
 
 def team_source(arguments: argparse.Namespace, settings: Settings) -> TeamSource:
-    from madrob_console.referee.lists import TeamSource
+    from madrob_console.referee.team_list import TeamSource
 
     named: Path | None = arguments.teams
     if named is None:
@@ -90,7 +90,7 @@ def team_source(arguments: argparse.Namespace, settings: Settings) -> TeamSource
 
 def team_list(arguments: argparse.Namespace, settings: Settings) -> TeamList:
     """The list of teams, its bad lines named; a file that only the settings name may be missing."""
-    from madrob_console.referee.lists import read_teams
+    from madrob_console.referee.team_list import read_teams
 
     source = team_source(arguments, settings)
     if arguments.teams is not None and source.file is not None:

@@ -41,7 +41,7 @@ from scoring.imports import imports_kept
 def plan(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.common.version import software_version
-        from madrob_console.pages.competition import condition_lines, plan_json, plan_lines
+        from madrob_console.pages.plan_text import condition_lines, plan_json, plan_lines
         from madrob_console.referee.competition_plan import plan_progress, plan_remarks
 
     if arguments.conditions:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from madrob_console.config import Settings
     from madrob_console.engine.runtime.testbed_engine import Engine
     from madrob_console.referee.competition_plan import Plan, Task
-    from madrob_console.referee.lists import TeamList
-    from madrob_console.referee.records import RunSetup
+    from madrob_console.referee.run_setup import RunSetup
+    from madrob_console.referee.team_list import TeamList
 
 EXIT_CODES = {
     Outcome.COMPLETED: 0,
@@ -177,7 +177,7 @@ def _setup(
     practice: bool,
 ) -> RunSetup:
     from madrob_console.referee.competition_plan import Task
-    from madrob_console.referee.records import RunSetup
+    from madrob_console.referee.run_setup import RunSetup
 
     condition = option_values.condition_of(arguments)
     number = arguments.run_number

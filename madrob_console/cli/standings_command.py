@@ -60,13 +60,8 @@ def standings(arguments: argparse.Namespace) -> int:
     with imports_kept():
         from madrob_console.common.files import atomic_write
         from madrob_console.common.version import software_version
-        from madrob_console.pages.outputs import (
-            standings_csv,
-            standings_details,
-            standings_html,
-            standings_json,
-            standings_lines,
-        )
+        from madrob_console.pages.outputs import standings_details, standings_html, standings_lines
+        from madrob_console.pages.standings_files import standings_csv, standings_json
 
     makers: dict[str, Callable[[CompetitionStandings], bytes]] = {
         "--csv": lambda competition: standings_csv(competition).encode(),

@@ -26,7 +26,8 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.checks import CheckState, blocking, causes
-from madrob_console.referee.records import CheckName, RunSetup
+from madrob_console.referee.records import CheckName
+from madrob_console.referee.run_setup import RunSetup
 from scoring.protocol import Outcome
 
 STEP = 0.02

@@ -39,8 +39,8 @@ from madrob_console.config.tables import (
     start_pose_on,
 )
 from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, TopicMapping
-from madrob_console.referee.checks import SensorLimits
-from madrob_console.referee.records import RunSetup
+from madrob_console.referee.run_setup import RunSetup
+from madrob_console.referee.topic_health import SensorLimits
 from scoring.protocol import DoubtLimits, Side, StartPose, Thresholds
 
 if TYPE_CHECKING:

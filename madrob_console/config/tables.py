@@ -16,7 +16,6 @@ from msgspec.structs import asdict, force_setattr
 from madrob_console.common.names import SourceKind, ThemeName, clean_name
 from madrob_console.config.setting_types import SettingsTable, within, written_as
 from madrob_console.messages.topic_mapping import STRIPS, TopicMapping
-from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.competition_plan import (
     MOST_ATTEMPTS,
     MOST_LINES,
@@ -24,6 +23,7 @@ from madrob_console.referee.competition_plan import (
     PlanSource,
     Task,
 )
+from madrob_console.referee.topic_health import SensorLimits
 from madrob_console.testbeds.evidence_choice import TOPIC_PATTERN, EvidenceChoice, TopicLimit
 from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN
 from scoring.protocol import LIMITS, DoubtLimits, LockDetection, Side, Signal, StartPose, Thresholds

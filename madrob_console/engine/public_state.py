@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from madrob_console.referee.flags import undecided
-from madrob_console.referee.records import open_protests
+from madrob_console.referee.protests import open_protests
 from madrob_console.referee.run import Phase, Run
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import UNSETTLED

@@ -13,13 +13,14 @@ from madrob_console.common.names import REHEARSAL, SourceKind, is_rehearsal
 from madrob_console.engine.playback import PlaybackView
 from madrob_console.engine.requests import Role, TakeOver
 from madrob_console.referee.acts import Abort
-from madrob_console.referee.checks import Check, Freshness
+from madrob_console.referee.checks import Check
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.evidence_state import EvidenceState
 from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
 from madrob_console.referee.journal import Origin
-from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.run import Run
+from madrob_console.referee.team_list import NO_TEAMS, TeamList
+from madrob_console.referee.topic_health import Freshness
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.protocol import Event, Side

@@ -26,8 +26,8 @@ from madrob_console.common.names import REHEARSAL, is_rehearsal, terminal_safe
 from madrob_console.common.plain_files import stamp_of
 from madrob_console.export.pack import EXPORTS_FOLDER, Contents
 from madrob_console.export.papers import PROTESTS_FILE
-from madrob_console.referee.lists import TeamName
 from madrob_console.referee.run_summary import RunSummary
+from madrob_console.referee.team_list import TeamName
 
 _LONGEST_TEAM = 40  # characters of it in a file name
 

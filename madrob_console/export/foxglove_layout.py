@@ -15,7 +15,8 @@ import msgspec
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
-from madrob_console.messages.message_types import find_stamp, standard_types
+from madrob_console.messages.message_fields import find_stamp
+from madrob_console.messages.message_types import standard_types
 from scoring.protocol import Thresholds
 
 LAYOUT_FILE = "madrob_foxglove_layout.json"

@@ -19,26 +19,18 @@ from rosbags.interfaces import Nodetype
 from madrob_console.common.clock import NS, seconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
+from madrob_console.messages.cdr_layout import Layout, Numbers, Wanted
+from madrob_console.messages.message_fields import Getter, MessageField, find_field, find_stamp
 from madrob_console.messages.message_types import (
-    Getter,
-    Layout,
     Message,
     MessageError,
-    MessageField,
     MessageTypes,
-    Numbers,
-    Wanted,
-    find_field,
-    find_stamp,
     standard_types,
 )
 from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, STRIPS, TopicMapping
 from recorder.bag import Durability, Qos, RawMessage, Topic
 from scoring.protocol import SENSORS_PER_STRIP, Signal, StartPose
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
-
-# The stamp of a message, read from its first bytes.
-
 
 HEAD = 12
 """Size of the stamp in bytes: four of encapsulation, then seconds and nanoseconds."""

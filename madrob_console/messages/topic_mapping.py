@@ -13,8 +13,6 @@ from typing import NamedTuple, TypeAlias
 from madrob_console.common.errors import MadrobError
 from scoring.protocol import Signal, Strip
 
-# Paths to a field of a message: `position[0]`, `position[name=door]`, `wrench.force.x`, `ranges`.
-
 
 class NamedElement(NamedTuple):
     """The element of an array that is called `value` in the array `names` beside it."""
@@ -47,9 +45,6 @@ def parse_path(path: str) -> Steps:
         elif names:
             steps.append(NamedElement(names, value))
     return tuple(steps)
-
-
-# Which topic carries a signal, and how its value is read.
 
 
 STRIPS = {Signal.of_strip(strip): strip for strip in Strip}

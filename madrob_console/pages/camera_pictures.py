@@ -1,10 +1,10 @@
-"""Pictures of cameras in a report, and what its words mean."""
+"""Pictures of cameras in a report."""
 
 from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -21,10 +21,6 @@ from madrob_console.archive.run_pictures import (
     nothing_near,
 )
 from madrob_console.pages.templates import NOTHING, render
-from scoring.figure_table import FigureName, FigurePart
-from scoring.indicator_table import IndicatorName
-from scoring.result import Result
-from scoring.rulesets import ruleset
 
 MOST_EMBEDDED = 2_000_000
 """Limit of the characters of all pictures in a page."""
@@ -157,21 +153,3 @@ def _spoken(entry: PictureEntry) -> str:
     ms = round(1000 * abs(entry.difference or 0.0))
     far = f"{ms} ms {'before' if (entry.difference or 0.0) < 0 else 'after'} it" if ms else "at it"
     return f"Camera {entry.topic} at {entry.since_start:.2f} s, {entry.words}; received {far}."
-
-
-# The meanings of the indicators, by the protocol.
-
-
-def definitions_of(result: Result) -> Iterator[tuple[IndicatorName, str, FigureName | None]]:
-    """Each indicator, what it means, and the figure that shows it."""
-    rules = ruleset(result.ruleset)
-    for name in IndicatorName:
-        said = rules.explanation(name)
-        own = said != name.spec.explanation  # these rules have it otherwise than the protocol
-        text = said if own else name.spec.definition
-        yield name, f"{text[0].upper()}{text[1:]}", _figure_of(name)
-
-
-def _figure_of(name: IndicatorName) -> FigureName | None:
-    whole = (figure for figure in FigureName if figure.spec.part is FigurePart.WHOLE)
-    return next((figure for figure in whole if figure.spec.indicator is name), None)

@@ -1,4 +1,9 @@
-"""Writes a competition's site: what has changed, and nothing of somebody else's."""
+"""Writes a competition's site.
+
+Every file is made again and written if its bytes have changed. The folder has a mark, and each
+page ends with one. Files that a site no longer needs are removed only by the names that a site
+has, in a folder with the mark, and a page only if it has the mark, too.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +34,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.file_locks import Hold
 from madrob_console.common.files import atomic_write, atomic_write_in
 from madrob_console.common.plain_files import opened_folder, read_all, refusal, stamp_of
-from madrob_console.pages.competition import plan_json
-from madrob_console.pages.outputs import standings_csv, standings_json
+from madrob_console.pages.plan_text import plan_json
 from madrob_console.pages.related_runs import RelatedRuns, team_digest, team_runs
 from madrob_console.pages.site_content import (
     PLAN,
@@ -47,14 +51,9 @@ from madrob_console.pages.site_pages import (
     plan_page,
     team_page,
 )
+from madrob_console.pages.standings_files import standings_csv, standings_json
 from madrob_console.pages.templates import date_text
 from madrob_console.referee.run_summary import RunSummary
-
-# The folder of a site. Every file is made again and written if its bytes have changed.
-#
-# The folder has a mark, and each page ends with one. What a site no longer needs is removed only by
-# the names that a site has, in a folder with the mark, and a page only if it has the mark, too.
-
 
 SITE_MARK = ".madrob_site"
 

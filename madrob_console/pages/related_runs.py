@@ -31,9 +31,6 @@ if TYPE_CHECKING:
     from madrob_console.archive.scored import Scored
     from scoring.figures.run_drawings import PhaseTimes
 
-# Whether a report is of the result that lies beside it.
-
-
 _HEAD = 1000  # bytes of a report in which it says what it was made of
 _MADE_OF = re.compile('<meta name="(journal|team)" content="([^"]*)">')
 

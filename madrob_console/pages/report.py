@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
 from madrob_console.archive.scored import Scored
-from madrob_console.pages.camera_pictures import Anchors, anchors, definitions_of, pictures
+from madrob_console.pages.camera_pictures import Anchors, anchors, pictures
 from madrob_console.pages.notes import (
     BIAS_NOTE,
     INVALID,
@@ -22,15 +22,10 @@ from madrob_console.pages.notes import (
 from madrob_console.pages.phases import phases
 from madrob_console.pages.related_runs import NOWHERE, PagePlace
 from madrob_console.pages.templates import NONE, render
-from madrob_console.referee.flags import (
-    FlagKind,
-    common_reason,
-    other_remarks,
-    serious,
-    undecided,
-)
+from madrob_console.referee.flags import FlagKind, common_reason, other_remarks, serious, undecided
 from madrob_console.referee.records import Reissuing
 from madrob_console.referee.run_summary import OUTCOME_WORDS, VOID, RunSummary
+from scoring.figure_table import FigureName, FigurePart
 from scoring.figures.run_drawings import TimedPhase
 from scoring.indicator_table import IndicatorName
 from scoring.result import Indicator, Result, doubts_of, uncertainty_text
@@ -199,3 +194,18 @@ def _top(scored: Scored) -> dict[str, object]:
         "denied": ", ".join(step.step.text for step in result.steps if step.denied),
         "issue": f", version {run.issue}" if run.issue > 1 else "",
     }
+
+
+def definitions_of(result: Result) -> Iterator[tuple[IndicatorName, str, FigureName | None]]:
+    """Each indicator, what it means, and the figure that shows it."""
+    rules = ruleset(result.ruleset)
+    for name in IndicatorName:
+        said = rules.explanation(name)
+        own = said != name.spec.explanation  # these rules have it otherwise than the protocol
+        text = said if own else name.spec.definition
+        yield name, f"{text[0].upper()}{text[1:]}", _figure_of(name)
+
+
+def _figure_of(name: IndicatorName) -> FigureName | None:
+    whole = (figure for figure in FigureName if figure.spec.part is FigurePart.WHOLE)
+    return next((figure for figure in whole if figure.spec.indicator is name), None)

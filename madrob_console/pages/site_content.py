@@ -143,9 +143,6 @@ def beside(page: str, name: str) -> str:
     return posixpath.relpath(name, posixpath.dirname(page) or ".")
 
 
-# The teams of a competition in the order of their best runs.
-
-
 @dataclass(frozen=True)
 class BestRuns:
     """The best run of each team by one ruleset.

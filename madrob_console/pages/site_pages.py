@@ -13,8 +13,9 @@ from markupsafe import Markup
 from madrob_console.archive.folders import INDEX_PAGE
 from madrob_console.common.formatting import format_span
 from madrob_console.common.names import terminal_safe
-from madrob_console.pages.competition import PLAN_NOTES, RulesetStandings, summary_words
+from madrob_console.pages.competition import RulesetStandings
 from madrob_console.pages.notes import NO_UNCERTAINTY_NOTE, UNCERTAINTY_NOTE
+from madrob_console.pages.plan_text import PLAN_NOTES, summary_words
 from madrob_console.pages.site_content import (
     ORDER,
     PLAN,
@@ -27,11 +28,7 @@ from madrob_console.pages.site_content import (
     team_place,
     zip_place,
 )
-from madrob_console.pages.site_drawings import (
-    PLOTS_NOTE,
-    unit_and_direction,
-    value_plots,
-)
+from madrob_console.pages.site_drawings import PLOTS_NOTE, unit_and_direction, value_plots
 from madrob_console.pages.tally import counts
 from madrob_console.pages.templates import path_link, render
 from madrob_console.referee.competition_plan import PlanProgress

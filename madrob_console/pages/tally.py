@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, TypeVar
 from madrob_console.archive.history import rank
 from madrob_console.common.formatting import listed as first_of
 from madrob_console.referee.flags import serious, undecided
-from madrob_console.referee.lists import TeamName
 from madrob_console.referee.run_summary import VOID, RunSummary
+from madrob_console.referee.team_list import TeamName
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import DOUBTED, Uncertainty, distinguishable

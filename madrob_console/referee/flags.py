@@ -27,14 +27,13 @@ from msgspec import Meta
 
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import REHEARSAL, SourceKind, is_rehearsal
+from madrob_console.referee.protests import Protest, ProtestEnd
 from madrob_console.referee.records import (
     AcceptedDoubts,
     CheckName,
     FalseStart,
     FaultKind,
     Incident,
-    Protest,
-    ProtestEnd,
     TeamWord,
     Waiver,
     merged,
@@ -45,9 +44,6 @@ from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Outcome, Signal
 from scoring.quality import AGAINST_OPENING, Quality, SignalQuality
 from scoring.result import Indicator
-
-# Doubts of a result (protocol section 11): accepted, or waiting.
-
 
 Doubts: TypeAlias = dict[IndicatorName, tuple[str, ...]]
 

@@ -1,4 +1,7 @@
-"""The state of a run from its journal: for scoring again, replay and recovery."""
+"""The state of a run from its journal, and the journal's checksum in a result.
+
+For scoring again, replay and recovery.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,6 @@ from madrob_console.referee.records import (
     FaultKind,
     JournalMark,
     RemovedEvidence,
-    StoredRuleset,
     TestbedFault,
 )
 from madrob_console.referee.run import (
@@ -49,6 +51,7 @@ from madrob_console.referee.run import (
     stop,
     time_out,
 )
+from madrob_console.referee.run_setup import StoredRuleset
 from scoring.protocol import EventName, Outcome
 from scoring.rest import HandleRest
 
@@ -172,9 +175,6 @@ def _with_recorded(run: Run, entry: Entry) -> Run:
     names, size = list(details["files"]), max(0, int(details["bytes"]))
     gone = RemovedEvidence(_time(entry.time), len(names), size)
     return replace(run, removed_evidence=(*run.removed_evidence, gone))
-
-
-# The journal's length and checksum that a result carries.
 
 
 _BESIDE = {

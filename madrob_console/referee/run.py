@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.protests import Protest
 from madrob_console.referee.records import (
     AcceptedDoubts,
     Closure,
@@ -16,15 +17,14 @@ from madrob_console.referee.records import (
     Incident,
     JournalMark,
     Note,
-    Protest,
     Reissuing,
     RemovedEvidence,
-    RunSetup,
     TakenBack,
     TestbedFault,
     Voiding,
     Waiver,
 )
+from madrob_console.referee.run_setup import RunSetup
 from scoring.procedure import Ruling
 from scoring.protocol import Condition, Outcome
 from scoring.rest import HandleRest
@@ -224,9 +224,6 @@ class Run:
             at = "" if self.start is None else f" at {fault.time - self.start:.1f} s"
             remarks.append(f"fault{at}: {fault.text}")
         return remarks
-
-
-# Transitions of a run by acts, sensors and the clock (protocol section 2).
 
 
 LEAST_PREROLL = 1.0

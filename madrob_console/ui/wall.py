@@ -19,13 +19,10 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import time_of_day
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.pages.competition import best_text, late_words
+from madrob_console.pages.competition import best_text
+from madrob_console.pages.plan_text import late_words
 from madrob_console.pages.tally import Standing, leaders_first, standings
-from madrob_console.referee.competition_plan import (
-    PlannedAttempt,
-    PlanProgress,
-    plan_progress,
-)
+from madrob_console.referee.competition_plan import PlannedAttempt, PlanProgress, plan_progress
 from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_summary import RunSummary, condition_words

@@ -30,8 +30,9 @@ from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, Waive, Z
 from madrob_console.referee.checks import blocking
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.records import CheckName, RunSetup
+from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from tests.terminal import Terminal
 from tests.watching import Closing, Stutter, until, wait_gone
 

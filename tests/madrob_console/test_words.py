@@ -24,7 +24,7 @@ PAPERS = [
 ]
 
 FOR_PROGRAMS = {
-    *(("outputs.py", "provisional"), ("check.py", "recomputed"), ("collection.py", "sub")),
+    *(("standings_files.py", "provisional"), ("check.py", "recomputed"), ("collection.py", "sub")),
     *(("key_table.py", words) for words in CALLED.values()),
 }
 """Keys of files, and what a filter and the palette understand beside the right word."""

@@ -9,8 +9,8 @@ from random import Random
 
 from madrob_console.common.version import software_version
 from madrob_console.messages.codec import TopicMapping
-from madrob_console.referee.checks import SensorLimits
-from madrob_console.referee.records import Randomness, RunSetup
+from madrob_console.referee.run_setup import Randomness, RunSetup
+from madrob_console.referee.topic_health import SensorLimits
 from scoring.protocol import Thresholds
 
 

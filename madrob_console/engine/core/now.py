@@ -9,7 +9,7 @@ from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import RecorderView
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.evidence_state import EvidenceState
-from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.team_list import NO_TEAMS, TeamList
 from madrob_console.testbeds.source import SILENT, Announcement, Source, TopicStatus
 
 

@@ -9,8 +9,8 @@ from madrob_console.engine.core.scored_run import PastRun
 from madrob_console.engine.core.sensors import Sensors
 from madrob_console.messages.codec import ROBOT_TYPES, Decoder, TopicMapping
 from madrob_console.messages.message_types import MessageError, MessageTypes
-from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.run import Run
+from madrob_console.referee.topic_health import SensorLimits
 from recorder.bag import RawMessage
 from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import Event, Thresholds

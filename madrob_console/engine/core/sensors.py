@@ -16,8 +16,8 @@ from madrob_console.engine.snapshot import (
     TopicView,
 )
 from madrob_console.messages.codec import TopicMapping
-from madrob_console.referee.checks import Freshness, SensorLimits
 from madrob_console.referee.records import FaultKind, merged
+from madrob_console.referee.topic_health import Freshness, SensorLimits
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import RawMessage
 from scoring.events import EventDetector

@@ -10,7 +10,7 @@ from madrob_console.engine.core.now import Now
 from madrob_console.engine.core.observation import Observation
 from madrob_console.referee.acts import Situation
 from madrob_console.referee.checks import Check, Readings, preflight
-from madrob_console.referee.records import new_run_id
+from madrob_console.referee.run_setup import new_run_id
 
 
 class SituationFactory:

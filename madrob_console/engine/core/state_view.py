@@ -12,9 +12,10 @@ from madrob_console.engine.core.observation import NEWEST, Observation
 from madrob_console.engine.playback import PlaybackView
 from madrob_console.engine.snapshot import DoorView, ExportView, LatchView, Snapshot
 from madrob_console.referee.acts import ACTS, Situation
-from madrob_console.referee.checks import Check, CheckState, Freshness
+from madrob_console.referee.checks import Check, CheckState
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.topic_health import Freshness
 from madrob_console.testbeds.source import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import Event, LockDetection, Step

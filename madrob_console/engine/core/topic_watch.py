@@ -8,8 +8,8 @@ from collections.abc import Callable
 from textwrap import shorten
 
 from madrob_console.engine.snapshot import Extent, Recent
-from madrob_console.referee.checks import Freshness, Health, Presence, SensorLimits
 from madrob_console.referee.records import SILENT, FaultKind
+from madrob_console.referee.topic_health import Freshness, Health, Presence, SensorLimits
 from madrob_console.testbeds.source import TopicStatus
 from scoring.protocol import PASSAGE_SENSORS, PassageSensor, Signal, Thresholds
 from scoring.quality import all_in_range, is_reading

@@ -50,8 +50,8 @@ from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, Situation
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.journal import Origin
-from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.run import Run
+from madrob_console.referee.team_list import NO_TEAMS, TeamList
 from madrob_console.testbeds.source import Source
 from recorder.bag import RawMessage
 

@@ -16,8 +16,8 @@ import msgspec
 from madrob_console.common.names import is_rehearsal
 from madrob_console.referee.checks import Check
 from madrob_console.referee.flags import Flag, flags
-from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.run import Phase, Run, reissued
+from madrob_console.referee.team_list import NO_TEAMS, TeamList
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
 from scoring.rest import HandleRest

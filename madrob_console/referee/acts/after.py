@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from madrob_console.referee.acts.act import (
-    RESULT_IS_WRITTEN,
-    Act,
-    Situation,
-)
+from madrob_console.referee.acts.act import RESULT_IS_WRITTEN, Act, Situation
 from madrob_console.referee.flags import Doubts, doubted_words, undecided, waiting_doubts
-from madrob_console.referee.records import (
-    AcceptedDoubts,
-    Closure,
-    DecisionKind,
-    TeamWord,
-    open_protests,
-)
+from madrob_console.referee.protests import open_protests
+from madrob_console.referee.records import AcceptedDoubts, Closure, DecisionKind, TeamWord
 from madrob_console.referee.run import Phase, Run
 
 PROTEST_OPEN = "a protest is open: decide it first"

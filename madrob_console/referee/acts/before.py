@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from madrob_console.referee.acts.act import (
-    Act,
-    Consequence,
-    Situation,
-)
+from madrob_console.referee.acts.act import Act, Consequence, Situation
 from madrob_console.referee.checks import Check, blocking, causes
-from madrob_console.referee.records import CheckName, DecisionKind, RunSetup, Waiver
+from madrob_console.referee.records import CheckName, DecisionKind, Waiver
 from madrob_console.referee.run import Phase, Run, begin_countdown
+from madrob_console.referee.run_setup import RunSetup
 from scoring.rest import HandleRest
 
 

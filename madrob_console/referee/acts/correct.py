@@ -6,24 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from madrob_console.common.formatting import relative_text
-from madrob_console.referee.acts.act import (
-    RESULT_IS_WRITTEN,
-    Act,
-    Situation,
-)
+from madrob_console.referee.acts.act import RESULT_IS_WRITTEN, Act, Situation
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.acts.protest import closed
 from madrob_console.referee.flags import doubted_words
-from madrob_console.referee.records import (
-    Correction,
-    DecisionKind,
-    Protest,
-    ProtestAnswer,
-    ProtestEnd,
-    RunSetup,
-    TakenBack,
-)
+from madrob_console.referee.protests import Protest, ProtestAnswer, ProtestEnd
+from madrob_console.referee.records import Correction, DecisionKind, TakenBack
 from madrob_console.referee.run import Phase, Run, changed
+from madrob_console.referee.run_setup import RunSetup
 from scoring.protocol import Condition
 
 NO_RUN = "no run is set up yet"

@@ -4,17 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from madrob_console.referee.acts.act import (
-    Act,
-    Situation,
-)
-from madrob_console.referee.records import (
-    DecisionKind,
-    Protest,
-    ProtestAnswer,
-    ProtestEnd,
-    open_protests,
-)
+from madrob_console.referee.acts.act import Act, Situation
+from madrob_console.referee.protests import Protest, ProtestAnswer, ProtestEnd, open_protests
+from madrob_console.referee.records import DecisionKind
 from madrob_console.referee.run import Phase, Run
 
 NONE_OPEN = "no protest is open"

@@ -27,13 +27,8 @@ from madrob_console.messages.codec import (
     find_signal,
     referee_topics,
 )
-from madrob_console.messages.message_types import (
-    Message,
-    MessageField,
-    MessageTypes,
-    attribute,
-    find_stamp,
-)
+from madrob_console.messages.message_fields import MessageField, attribute, find_stamp
+from madrob_console.messages.message_types import Message, MessageTypes
 from madrob_console.messages.topic_mapping import NamedElement
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import RANGE_MAX, RANGE_MIN, Reading

@@ -13,7 +13,7 @@ from madrob_console.common.formatting import seconds_of
 from madrob_console.common.names import clean_name
 from madrob_console.engine.playback import JumpTo
 from madrob_console.engine.requests import OpenRun, TakeOver
-from madrob_console.referee.records import open_protests
+from madrob_console.referee.protests import open_protests
 from madrob_console.referee.run import Phase, Run
 from madrob_console.ui.keys.questions import (
     Ask,

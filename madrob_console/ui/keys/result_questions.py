@@ -31,8 +31,10 @@ from madrob_console.referee.acts.correct import (
 )
 from madrob_console.referee.acts.protest import NONE_OPEN, WHOLE_RUN, outside_recording
 from madrob_console.referee.flags import Doubts, doubted_words, undecided, waiting_doubts
-from madrob_console.referee.records import Protest, ProtestEnd, RunSetup, TeamWord, open_protests
+from madrob_console.referee.protests import Protest, ProtestEnd, open_protests
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.ui.keys.questions import (
     Ask,
     Intent,
@@ -49,7 +51,7 @@ from scoring.protocol import BenchmarkType, Condition
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.referee.lists import TeamList
+    from madrob_console.referee.team_list import TeamList
 
 _TEAM = Pick(
     "What does the team say?",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from madrob_console.engine.curves import Curve
-from madrob_console.referee.checks import Freshness
+from madrob_console.referee.topic_health import Freshness
 from madrob_console.ui.cells.lines import Line, Span, Tone, View, joined, line
 from madrob_console.ui.cells.plot import Frame, Mark, Plot, Window
 from scoring.figure_table import Quantity, marked_events

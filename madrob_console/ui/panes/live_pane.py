@@ -9,8 +9,8 @@ from textual.containers import Horizontal, VerticalScroll
 
 from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.snapshot import LogLine, Snapshot, Weight
-from madrob_console.referee.checks import Freshness
 from madrob_console.referee.journal import Origin
+from madrob_console.referee.topic_health import Freshness
 from madrob_console.ui.cells.lines import Line, Span, Tone, Unmarked, View, line, paragraph
 from madrob_console.ui.look.words import rough_text
 from madrob_console.ui.panes.gauges import DoorGauge, HandleGauge, StripChart

@@ -12,12 +12,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import listed
 from madrob_console.engine.requests import GivePlan
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.pages.competition import (
-    attempts_cell,
-    schedule_words,
-    summary_words,
-    task_words,
-)
+from madrob_console.pages.plan_text import attempts_cell, schedule_words, summary_words, task_words
 from madrob_console.referee.competition_plan import (
     Attempts,
     PlanLine,

@@ -25,8 +25,10 @@ from madrob_console.referee.flags import (
     serious,
     undecided,
 )
-from madrob_console.referee.records import Incident, Protest, RunSetup
+from madrob_console.referee.protests import Protest
+from madrob_console.referee.records import Incident
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui.cells.lines import (
     NAMED_KEYS,
@@ -41,13 +43,7 @@ from madrob_console.ui.cells.lines import (
     with_keys,
 )
 from madrob_console.ui.look.words import OUTCOMES
-from madrob_console.ui.panes.run_status import (
-    FLAG_TONES,
-    StepTable,
-    packed,
-    phase_span,
-    what_text,
-)
+from madrob_console.ui.panes.run_status import FLAG_TONES, StepTable, packed, phase_span, what_text
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition
 from scoring.result import (

@@ -18,12 +18,12 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import REHEARSAL, clean_name
 from madrob_console.config.tables import start_pose_on
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.pages.competition import task_words
+from madrob_console.pages.plan_text import task_words
 from madrob_console.referee.acts import SetUp, Start
 from madrob_console.referee.competition_plan import PlanProgress, Task
-from madrob_console.referee.lists import NO_TEAMS, TeamList
-from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
+from madrob_console.referee.team_list import NO_TEAMS, TeamList
 from madrob_console.ui.cells.field import Field, NumberField
 from madrob_console.ui.cells.lines import Choice, Label, Line, PushButton, Span, Tone, line
 from madrob_console.ui.keys.key_table import CAPS

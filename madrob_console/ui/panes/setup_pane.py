@@ -20,8 +20,9 @@ from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.acts import SetUp, Waive
 from madrob_console.referee.checks import Check, CheckState, causes
 from madrob_console.referee.competition_plan import Task
-from madrob_console.referee.records import CheckName, RunSetup
+from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui.cells.field import NumberField
 from madrob_console.ui.cells.lines import (

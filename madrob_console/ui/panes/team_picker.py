@@ -12,7 +12,7 @@ from textual.binding import Binding, BindingType
 from textual.message import Message
 from textual.widgets import Input
 
-from madrob_console.referee.lists import NO_TEAMS, TeamList
+from madrob_console.referee.team_list import NO_TEAMS, TeamList
 from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.cells.table import Column, Table
 from madrob_console.ui.panes.runs_pane import ListPane, number_column, text_column

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from madrob_console.referee.checks import Freshness
+from madrob_console.referee.topic_health import Freshness
 from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, View, joined, line
 from madrob_console.ui.cells.plot import HIGH, WIDE, put_dot
 from scoring.protocol import Condition, Side, StartPose, Step

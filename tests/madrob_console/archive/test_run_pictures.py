@@ -51,7 +51,7 @@ from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.camera_pictures import MOST_EMBEDDED
 from madrob_console.pages.related_runs import RelatedRuns
 from madrob_console.pages.report import report_html
-from madrob_console.referee.records import Protest
+from madrob_console.referee.protests import Protest
 from recorder.bag import RawMessage
 from tests.madrob_console.archive.frames import (
     COMPRESSED,

@@ -17,7 +17,7 @@ from madrob_console.common.names import Scenario
 from madrob_console.config import Settings
 from madrob_console.config.tables import PlanSettings
 from madrob_console.referee.competition_plan import Plan
-from madrob_console.referee.lists import TeamList
+from madrob_console.referee.team_list import TeamList
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive
 

@@ -32,7 +32,7 @@ from madrob_console.cli.output import BAD_INPUT
 from madrob_console.engine.ipc.engine_sockets import state_folder
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, ROBOT_STARTED_TOPIC, TopicMapping
 from madrob_console.referee.competition_plan import PlanSource
-from madrob_console.referee.lists import TeamSource
+from madrob_console.referee.team_list import TeamSource
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated_node import serve_testbed

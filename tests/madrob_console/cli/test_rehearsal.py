@@ -13,10 +13,10 @@ from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE, rehearsal_f
 from madrob_console.archive.history import History
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task, plan_progress
-from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_summary import RunSummary
+from madrob_console.referee.team_list import TeamList
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup, signed
 

@@ -17,13 +17,8 @@ from hypothesis import strategies as st
 
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.pages.competition import CompetitionStandings, competition_standings
-from madrob_console.pages.outputs import (
-    COLUMNS,
-    standings_csv,
-    standings_details,
-    standings_html,
-    standings_json,
-)
+from madrob_console.pages.outputs import standings_details, standings_html
+from madrob_console.pages.standings_files import COLUMNS, standings_csv, standings_json
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName

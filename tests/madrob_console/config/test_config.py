@@ -17,7 +17,7 @@ from madrob_console.config import Settings, default_settings_path, load_settings
 from madrob_console.config.settings_example import example_toml
 from madrob_console.config.tables import Competition, ConsoleSettings, RunDefaults
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
-from madrob_console.referee.checks import SensorLimits
+from madrob_console.referee.topic_health import SensorLimits
 from madrob_console.testbeds.evidence_choice import NO_LIMIT, TopicLimit
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings

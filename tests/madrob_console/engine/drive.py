@@ -48,8 +48,9 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.flags import undecided
-from madrob_console.referee.records import CheckName, RunSetup, TeamWord
+from madrob_console.referee.records import CheckName, TeamWord
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource

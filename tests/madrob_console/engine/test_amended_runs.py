@@ -47,10 +47,11 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import Entry, read_journal
-from madrob_console.referee.lists import TeamList
-from madrob_console.referee.records import IncidentKind, ProtestEnd, TeamWord
+from madrob_console.referee.protests import ProtestEnd
+from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_summary import RunSummary
+from madrob_console.referee.team_list import TeamList
 from madrob_console.testbeds.simulated import Scenario
 from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName

@@ -39,7 +39,8 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.acts.correct import last_decision
-from madrob_console.referee.records import DecisionKind, IncidentKind, ProtestEnd, TeamWord
+from madrob_console.referee.protests import ProtestEnd
+from madrob_console.referee.records import DecisionKind, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from scoring.protocol import Condition, Step
 from tests.madrob_console.engine.drive import make_setup

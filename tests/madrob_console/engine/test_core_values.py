@@ -61,12 +61,13 @@ from madrob_console.messages.codec import (
 )
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, DeclareTimeout, SetUp
-from madrob_console.referee.checks import CheckState, Freshness
+from madrob_console.referee.checks import CheckState
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.lists import TeamList
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.team_list import TeamList
+from madrob_console.referee.topic_health import Freshness
 from madrob_console.testbeds.source import Announcement
 from recorder.bag import RawMessage
 from scoring.procedure import Procedure, StepRecord

@@ -36,8 +36,9 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
 )
 from madrob_console.referee.journal import read_journal
+from madrob_console.referee.protests import ProtestEnd
 from madrob_console.referee.rebuild import Change, rebuild
-from madrob_console.referee.records import DecisionKind, IncidentKind, ProtestEnd, TeamWord
+from madrob_console.referee.records import DecisionKind, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Side, Step

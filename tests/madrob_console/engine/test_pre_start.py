@@ -22,8 +22,9 @@ from madrob_console.pages.tally import overall
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.checks import blocking
 from madrob_console.referee.journal import read_journal
-from madrob_console.referee.records import CheckName, RunSetup
+from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated import SensorSettings
 from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announcement, info_text
 from recorder.bag import RawMessage

@@ -28,12 +28,8 @@ from madrob_console.export.contents import dossier_contents
 from madrob_console.export.papers import PROTESTS_FILE, README_FILE
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.pages.competition import CompetitionStandings, competition_standings
-from madrob_console.pages.outputs import (
-    standings_csv,
-    standings_details,
-    standings_html,
-    standings_json,
-)
+from madrob_console.pages.outputs import standings_details, standings_html
+from madrob_console.pages.standings_files import standings_csv, standings_json
 from madrob_console.referee.acts import (
     DecideProtest,
     FileProtest,
@@ -42,7 +38,8 @@ from madrob_console.referee.acts import (
     Rule,
     Void,
 )
-from madrob_console.referee.records import ProtestEnd, TeamWord
+from madrob_console.referee.protests import ProtestEnd
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_summary import PROTEST_OPEN
 from scoring.protocol import Step

@@ -23,8 +23,9 @@ from madrob_console.referee.checks import CheckState
 from madrob_console.referee.competition_plan import Plan, PlanSource
 from madrob_console.referee.flags import FlagKind
 from madrob_console.referee.journal import read_journal
-from madrob_console.referee.lists import TeamList, TeamSource
-from madrob_console.referee.records import CheckName, RunSetup
+from madrob_console.referee.records import CheckName
+from madrob_console.referee.run_setup import RunSetup
+from madrob_console.referee.team_list import TeamList, TeamSource
 from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, FaultyDrive, OfficialDrive, make_setup
 from tests.watching import until

@@ -13,8 +13,8 @@ from madrob_console.engine.snapshot import DoorView, HandleView, LatchView
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
 )
-from madrob_console.referee.checks import Freshness, SensorLimits
 from madrob_console.referee.records import FaultKind
+from madrob_console.referee.topic_health import Freshness, SensorLimits
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import RawMessage
 from scoring.protocol import (

@@ -51,7 +51,8 @@ from madrob_console.referee.evidence_account import (
     RecordedTopic,
 )
 from madrob_console.referee.journal import HOLD_FILE
-from madrob_console.referee.records import Protest, RemovedEvidence
+from madrob_console.referee.protests import Protest
+from madrob_console.referee.records import RemovedEvidence
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.simulated import Scenario
 from recorder.attachments import attach

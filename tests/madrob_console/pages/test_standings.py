@@ -14,12 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.pages.competition import NOTES, SIGNS, competition_standings, statistics_text
-from madrob_console.pages.outputs import (
-    standings_csv,
-    standings_details,
-    standings_html,
-    standings_json,
-)
+from madrob_console.pages.outputs import standings_details, standings_html
+from madrob_console.pages.standings_files import standings_csv, standings_json
 from madrob_console.pages.tally import Aggregate, leaders, overall, standings
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName

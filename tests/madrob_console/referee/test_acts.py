@@ -48,10 +48,10 @@ from madrob_console.referee.acts import (
     act_named,
     refusals,
 )
-from madrob_console.referee.checks import Check, CheckState, Freshness, Health
+from madrob_console.referee.checks import Check, CheckState
 from madrob_console.referee.flags import Doubts
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.lists import TeamList
+from madrob_console.referee.protests import Protest, ProtestAnswer, ProtestEnd
 from madrob_console.referee.records import (
     CheckName,
     DecisionKind,
@@ -59,15 +59,13 @@ from madrob_console.referee.records import (
     Incident,
     IncidentKind,
     Note,
-    Protest,
-    ProtestAnswer,
-    ProtestEnd,
-    RunSetup,
     TeamWord,
     Voiding,
-    new_run_id,
 )
 from madrob_console.referee.run import Phase, Run, begin_countdown, begin_run, stop
+from madrob_console.referee.run_setup import RunSetup, new_run_id
+from madrob_console.referee.team_list import TeamList
+from madrob_console.referee.topic_health import Freshness, Health
 from madrob_console.ui.look.words import done_text
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import (

@@ -31,16 +31,11 @@ from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.checks import Check, CheckState
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import Entry, Origin
-from madrob_console.referee.lists import TeamList
+from madrob_console.referee.protests import ProtestEnd
 from madrob_console.referee.rebuild import Change, after, mark_of, rebuild
-from madrob_console.referee.records import (
-    CheckName,
-    DecisionKind,
-    IncidentKind,
-    ProtestEnd,
-    TeamWord,
-)
+from madrob_console.referee.records import CheckName, DecisionKind, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.team_list import TeamList
 from scoring.protocol import BenchmarkType, Condition, Outcome, Side, StartPose, Step
 from tests.madrob_console.referee.test_acts import (
     DOUBTED,

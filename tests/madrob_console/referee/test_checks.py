@@ -17,9 +17,9 @@ from madrob_console.referee.checks import (
 )
 from madrob_console.referee.competition_plan import Plan
 from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
-from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import CheckName, Waiver
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.team_list import TeamList
 from scoring.rest import FEWEST_SAMPLES, HandleRest
 from tests.madrob_console.referee.test_acts import SETUP
 

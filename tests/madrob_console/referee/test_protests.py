@@ -19,12 +19,8 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.acts.protest import outside_recording
 from madrob_console.referee.flags import LONGEST_WORDS, Flag, FlagKind, FlagWeight, flags, undecided
-from madrob_console.referee.records import (
-    DecisionKind,
-    ProtestEnd,
-    Voiding,
-    open_protests,
-)
+from madrob_console.referee.protests import ProtestEnd, open_protests
+from madrob_console.referee.records import DecisionKind, Voiding
 from madrob_console.referee.run import Phase, Run
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome

@@ -10,14 +10,8 @@ from hypothesis import strategies as st
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import LONGEST_NAME, clean_name
-from madrob_console.referee.lists import (
-    LARGEST_FILE,
-    MOST_PROBLEMS,
-    TeamList,
-    TeamSource,
-    merge_teams,
-    read_teams,
-)
+from madrob_console.referee.lists import LARGEST_FILE, MOST_PROBLEMS
+from madrob_console.referee.team_list import TeamList, TeamSource, merge_teams, read_teams
 from tests.madrob_console.ui.prepared import a_setup
 
 

@@ -25,7 +25,7 @@ from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import SetUp, Start, act_details
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.records import RunSetup
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated.sensor_model import Reading
 from madrob_console.testbeds.simulated.simulated_source import Encoder
 from recorder.bag import RawMessage

@@ -31,8 +31,8 @@ from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.ipc.engine_interface import EngineClient
 from madrob_console.engine.requests import Request
 from madrob_console.referee.acts import Act
-from madrob_console.referee.records import RunSetup
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp

@@ -56,10 +56,10 @@ from madrob_console.referee.acts import (
     Start,
     act_named,
 )
-from madrob_console.referee.checks import SensorLimits
 from madrob_console.referee.competition_plan import plan_progress
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import RunSummary
+from madrob_console.referee.topic_health import SensorLimits
 from madrob_console.testbeds.simulated.simulated_source import Encoder
 from madrob_console.testbeds.source import SILENT, Announcement, Source, TopicStatus
 from recorder.bag import RawMessage, Topic

@@ -12,7 +12,7 @@ from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.engine.core.scored_run import PastRun, RenderedResult, ScoringRequest
 from madrob_console.engine.curves import Curve, Curves
 from madrob_console.engine.runtime.scorer import Scorer
-from madrob_console.referee.records import RunSetup
+from madrob_console.referee.run_setup import RunSetup
 from scoring.assessment import Assessment
 from scoring.figure_table import Quantity
 from scoring.indicator_table import IndicatorName

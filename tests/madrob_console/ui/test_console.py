@@ -21,8 +21,8 @@ from madrob_console.engine.playback import PlaybackCommand
 from madrob_console.engine.requests import UNSURE, Role, TakeOver
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.referee.acts import Abort, DeclareTimeout
-from madrob_console.referee.lists import TeamList
 from madrob_console.referee.run import Phase
+from madrob_console.referee.team_list import TeamList
 from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen

@@ -19,9 +19,9 @@ from madrob_console.referee.acts import (
     TakeBack,
     Void,
 )
-from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
+from madrob_console.referee.team_list import TeamList
 from madrob_console.ui.keys.questions import NO_REASON
 from madrob_console.ui.panes.run_status import clock_span
 from scoring.protocol import Outcome, Side, Step

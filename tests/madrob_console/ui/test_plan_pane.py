@@ -12,8 +12,8 @@ import pytest
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.acts import SetUp, Start
 from madrob_console.referee.competition_plan import NO_PLAN, Attempts, Plan, PlanLine, Task
-from madrob_console.referee.lists import NO_TEAMS, TeamList
 from madrob_console.referee.run import Phase
+from madrob_console.referee.team_list import NO_TEAMS, TeamList
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.link import ConsoleDefaults
 from madrob_console.ui.panes.plan_pane import cell

@@ -28,16 +28,10 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.checks import Check
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
-from madrob_console.referee.lists import NO_TEAMS, TeamList
-from madrob_console.referee.records import (
-    CheckName,
-    DecisionKind,
-    IncidentKind,
-    ProtestAnswer,
-    ProtestEnd,
-    TeamWord,
-)
+from madrob_console.referee.protests import ProtestAnswer, ProtestEnd
+from madrob_console.referee.records import CheckName, DecisionKind, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.team_list import NO_TEAMS, TeamList
 from madrob_console.ui.keys.key_table import KEYS, with_caps
 from madrob_console.ui.keys.questions import NO_REASON, Ask, Option, Pick, Write, ask_why
 from madrob_console.ui.keys.result_questions import ask_decision, ask_void_instead, ask_withdrawal

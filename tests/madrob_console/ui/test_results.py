@@ -27,9 +27,10 @@ from madrob_console.referee.acts import (
 )
 from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.flags import FlagWeight
-from madrob_console.referee.lists import TeamList
-from madrob_console.referee.records import ProtestEnd, RemovedEvidence, Voiding
+from madrob_console.referee.protests import ProtestEnd
+from madrob_console.referee.records import RemovedEvidence, Voiding
 from madrob_console.referee.run_summary import RunSummary
+from madrob_console.referee.team_list import TeamList
 from madrob_console.ui.cells.lines import Tone, plain
 from madrob_console.ui.look.words import export_text
 from madrob_console.ui.panes.result_pane import (

@@ -31,8 +31,8 @@ from madrob_console.common.names import ThemeName
 from madrob_console.referee.acts import AddNote, MarkIncident
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
-from madrob_console.referee.lists import TeamList
 from madrob_console.referee.records import IncidentKind
+from madrob_console.referee.team_list import TeamList
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Lines, Span, Tone, line

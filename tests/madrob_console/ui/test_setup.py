@@ -10,9 +10,10 @@ from madrob_console.common.names import SourceKind
 from madrob_console.engine.requests import NextRunNumber
 from madrob_console.referee.acts import SetUp
 from madrob_console.referee.checks import Check, CheckState
-from madrob_console.referee.lists import TeamList
-from madrob_console.referee.records import CheckName, RunSetup
+from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
+from madrob_console.referee.team_list import TeamList
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.link import ConsoleDefaults
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, Signal, StartPose

@@ -26,7 +26,7 @@ from madrob_console.engine.playback import (
 )
 from madrob_console.engine.requests import GiveFrames
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.referee.checks import Freshness
+from madrob_console.referee.topic_health import Freshness
 from madrob_console.ui.cells.lines import plain
 from madrob_console.ui.frame.frame_lines import (
     KeyLine,

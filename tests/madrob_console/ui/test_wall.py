@@ -18,9 +18,9 @@ from madrob_console.engine.requests import Role
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.referee.acts import Start
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
-from madrob_console.referee.lists import TeamList
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.run_summary import RunSummary
+from madrob_console.referee.team_list import TeamList
 from madrob_console.ui.cells.digits import digit_rows
 from madrob_console.ui.wall import PAGE_TIME, PAUSED, WallApp
 from scoring.protocol import Condition, Outcome, Step

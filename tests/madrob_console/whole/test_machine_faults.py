@@ -31,8 +31,9 @@ from madrob_console.referee.acts import Abort, AddNote, DeclareTimeout, Finalise
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from madrob_console.referee.journal import read_journal
 from madrob_console.referee.rebuild import Change, rebuild
-from madrob_console.referee.records import RunSetup, TeamWord
+from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
+from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated import Scenario
 from recorder.bag import RawMessage
 from recorder.errors import RecorderError
