@@ -33,9 +33,9 @@ from madrob_console.testbeds.ros.connection import (
     load_module,
     load_rclpy,
 )
+from madrob_console.testbeds.ros.door_parameters import DOOR_NODE, SET_PARAMETERS
 from madrob_console.testbeds.ros.intake import Intake
 from madrob_console.testbeds.ros.types import describe_registered, prefixes
-from madrob_console.testbeds.ros.watches import DOOR_NODE, SET_PARAMETERS
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.source import TopicStatus
 from scoring.protocol import Signal

@@ -23,6 +23,7 @@ from madrob_console.messages.codec import (
     encode_text,
 )
 from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, info_text
 from madrob_console.testbeds.ros.connection import (
     Connection,
     RosObject,
@@ -30,13 +31,12 @@ from madrob_console.testbeds.ros.connection import (
     load_message_class,
     load_module,
 )
-from madrob_console.testbeds.ros.intake import qos_profile
-from madrob_console.testbeds.ros.watches import ParameterValue, door_parameters
+from madrob_console.testbeds.ros.door_parameters import ParameterValue, door_parameters
+from madrob_console.testbeds.ros.subscriptions import qos_profile
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.simulated.testbed import RefereeState, parse_state
-from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, info_text
 from recorder.bag import Durability, Qos
 from scoring.protocol import BenchmarkType, Condition, Side
 

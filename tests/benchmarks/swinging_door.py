@@ -16,7 +16,8 @@ from madrob_console.common.clock import Clock
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.simulated import SensorSettings, SimulatedTestbed
-from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan, RobotBody
+from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
+from madrob_console.testbeds.simulated.motion import MotionPlan
 from madrob_console.testbeds.simulated.scenarios import Manner, Performance
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.simulated_node import serve_testbed

@@ -10,6 +10,7 @@ from random import Random
 
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping, describe_topic
 from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.simulated.encoder import Encoder
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import (
     Reading,
@@ -17,7 +18,6 @@ from madrob_console.testbeds.simulated.sensor_model import (
     SensorModel,
     SensorSettings,
 )
-from madrob_console.testbeds.simulated.simulated_source import Encoder
 from recorder.bag import RawMessage
 from recorder.writer import BagWriter
 from scoring.protocol import Signal

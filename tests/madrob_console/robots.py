@@ -13,13 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from madrob_console.testbeds.simulated import Scenario, SensorSettings, SimulatedTestbed
-from madrob_console.testbeds.simulated.geometry import (
-    STEP,
-    DoorGeometry,
-    MotionPlan,
-    RobotBody,
-    changes,
-)
+from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
+from madrob_console.testbeds.simulated.motion import STEP, MotionPlan, changes
 from madrob_console.testbeds.simulated.scenarios import MANNERS, SCRIPTS, Manner, Performance
 from scoring.kinematics import Array
 from scoring.protocol import PASSAGE_SENSORS, POST_ROLL, Condition, Side

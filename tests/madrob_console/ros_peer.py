@@ -43,7 +43,7 @@ from madrob_console.testbeds.ros.connection import (
     load_message_class,
     load_module,
 )
-from madrob_console.testbeds.ros.intake import qos_profile
+from madrob_console.testbeds.ros.subscriptions import qos_profile
 from madrob_console.testbeds.ros_domain import domain_id
 from recorder.bag import Durability, Qos, RawMessage, Reliability
 from scoring.protocol import Signal

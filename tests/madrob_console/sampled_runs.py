@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from random import Random
 
-from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan
+from madrob_console.testbeds.simulated.geometry import DoorGeometry
+from madrob_console.testbeds.simulated.motion import MotionPlan
 from madrob_console.testbeds.simulated.sensor_model import (
     Reading,
     Scene,

@@ -57,7 +57,7 @@ from madrob_console.referee.acts import Act, Situation
 from madrob_console.referee.rebuild import after
 from madrob_console.referee.records import FaultKind
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.source import INFO_TOPIC
+from madrob_console.testbeds.announcement import INFO_TOPIC
 from recorder.bag import RawMessage
 from scoring.protocol import POST_ROLL
 

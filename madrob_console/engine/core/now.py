@@ -10,7 +10,8 @@ from madrob_console.engine.snapshot import RecorderView
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
 from madrob_console.referee.evidence_state import EvidenceState
 from madrob_console.referee.team_list import NO_TEAMS, TeamList
-from madrob_console.testbeds.source import SILENT, Announcement, Source, TopicStatus
+from madrob_console.testbeds.announcement import SILENT, Announcement
+from madrob_console.testbeds.source import Source, TopicStatus
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from madrob_console.referee.checks import Check, CheckState
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.topic_health import Freshness
-from madrob_console.testbeds.source import INFO_TOPIC, Announcement
+from madrob_console.testbeds.announcement import INFO_TOPIC, Announcement
 from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import Event, LockDetection, Step
 from scoring.result import Result

@@ -14,7 +14,7 @@ from contextlib import suppress
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.testbeds.ros.connection import RosObject, load_module
-from madrob_console.testbeds.ros.intake import qos_profile
+from madrob_console.testbeds.ros.subscriptions import qos_profile
 from madrob_console.testbeds.source import BeginAbort, CallAnswer, LookForAnswer
 from recorder.bag import Qos
 

@@ -1,4 +1,7 @@
-"""The console's part in a ROS domain: finding rclpy, a context, nodes, an executor."""
+"""The console's part in a ROS domain: finding rclpy, a context, nodes, an executor.
+
+Everything from rclpy is a `RosObject`: its type information is partial and changes.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from madrob_console.common.errors import MadrobError
-
-# Finding ROS 2 at run time: rclpy, message packages.
-#
-# Everything from rclpy is a `RosObject`: its type information is partial and changes.
-
 
 RosObject = Any
 

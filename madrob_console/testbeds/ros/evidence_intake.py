@@ -1,4 +1,7 @@
-"""The topics of the evidence in a ROS domain: discovery, subscription, messages as bytes."""
+"""The topics of the evidence in a ROS domain, from discovery to their messages.
+
+Messages stay bytes. A topic keeps its type as long as it is recorded.
+"""
 
 from __future__ import annotations
 
@@ -13,28 +16,18 @@ from typing import TypeVar
 from madrob_console.common.names import terminal_safe
 from madrob_console.referee.evidence_account import EvidenceLoss
 from madrob_console.referee.evidence_state import EvidenceTopic
-from madrob_console.testbeds.evidence_choice import (
-    EvidenceChoice,
-    FlowMeter,
-    RateLimit,
-    SilenceWatch,
-    TopicLimit,
-    matches,
-)
+from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit, matches
+from madrob_console.testbeds.message_rates import FlowMeter, RateLimit, SilenceWatch
 from madrob_console.testbeds.ros.connection import (
     Connection,
     RosObject,
     in_namespace,
     node_of_arguments,
 )
-from madrob_console.testbeds.ros.intake import DescribeTopic, Intake, Received, arrival
+from madrob_console.testbeds.ros.intake import DescribeTopic, Intake
+from madrob_console.testbeds.ros.subscriptions import Received, arrival
 from madrob_console.testbeds.ros.types import describe_installed, prefixes
 from recorder.bag import Durability, RawMessage, Topic
-
-# A topic of the evidence, from discovery to its messages.
-#
-# Nothing is decoded. A topic keeps its type as long as it is recorded.
-
 
 FIRST_DEPTH, LEAST_DEPTH, MOST_DEPTH = 32, 4, 512
 """Messages that DDS keeps between two takes: before their size is known, and the bounds after."""

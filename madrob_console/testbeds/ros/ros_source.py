@@ -24,6 +24,7 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.announcement import SILENT, Announcement
 from madrob_console.testbeds.ros.abort_service import AbortService
 from madrob_console.testbeds.ros.connection import (
     Connection,
@@ -31,27 +32,15 @@ from madrob_console.testbeds.ros.connection import (
     in_namespace,
     load_message_class,
 )
-from madrob_console.testbeds.ros.intake import Intake, arrivals, qos_profile
+from madrob_console.testbeds.ros.door_parameters import DoorParameters
+from madrob_console.testbeds.ros.intake import Intake
+from madrob_console.testbeds.ros.subscriptions import arrivals, qos_profile
 from madrob_console.testbeds.ros.types import describe_registered, prefixes
-from madrob_console.testbeds.ros.watches import (
-    DoorParameters,
-    InfoWatch,
-    RefereeWatch,
-    console_name,
-)
+from madrob_console.testbeds.ros.watches import InfoWatch, RefereeWatch, console_name
 from madrob_console.testbeds.ros_domain import domain_id
-from madrob_console.testbeds.source import (
-    SILENT,
-    Announcement,
-    BeginAbort,
-    Source,
-    TopicStatus,
-)
+from madrob_console.testbeds.source import BeginAbort, Source, TopicStatus
 from recorder.bag import RawMessage, Topic
 from scoring.protocol import Condition
-
-# A mailbox from the take thread to the engine.
-
 
 CAPACITY = 32 * 1024 * 1024
 """Bytes of each topic that wait for a busy engine; some twenty minutes of a testbed's."""

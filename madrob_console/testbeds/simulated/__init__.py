@@ -5,7 +5,8 @@ swing meet, neither gives way.
 """
 
 from madrob_console.common.names import Scenario
-from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan, RobotBody
+from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
+from madrob_console.testbeds.simulated.motion import MotionPlan
 from madrob_console.testbeds.simulated.scenarios import plan_run
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.testbed import SimulatedTestbed

@@ -9,20 +9,16 @@ from random import Random
 import numpy as np
 
 from madrob_console.common.names import Scenario
-from madrob_console.testbeds.simulated.geometry import (
+from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
+from madrob_console.testbeds.simulated.motion import (
     STEP,
-    DoorGeometry,
     MotionPlan,
     Profile,
-    RobotBody,
     Track,
     Tremor,
     changes,
 )
 from scoring.protocol import Condition
-
-# The scenarios, act by act: what a simulated robot does and how.
-
 
 _GRIP_RISE = 0.15
 """s in which a hand closes or opens."""

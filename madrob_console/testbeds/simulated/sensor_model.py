@@ -6,11 +6,8 @@ from dataclasses import dataclass
 from math import cos, sin
 from random import Random
 
-from madrob_console.testbeds.simulated.geometry import (
-    DoorGeometry,
-    MotionPlan,
-    RobotBody,
-)
+from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
+from madrob_console.testbeds.simulated.motion import MotionPlan
 from scoring.protocol import Signal, Strip
 
 RANGE_MIN = 0.02

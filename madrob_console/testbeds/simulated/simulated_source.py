@@ -2,217 +2,37 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import reduce
+from collections.abc import Sequence
+from dataclasses import replace
 from operator import attrgetter
 from random import Random
-from types import MappingProxyType
 
-import numpy as np
-
-from madrob_console.common.clock import NS, Clock, nanoseconds
+from madrob_console.common.clock import Clock, nanoseconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,
-    START_POSE_FRAME,
-    STRIPS,
     TopicMapping,
     decode_text,
     describe_topic,
-    find_signal,
     referee_topics,
 )
-from madrob_console.messages.message_fields import MessageField, attribute, find_stamp
-from madrob_console.messages.message_types import Message, MessageTypes
-from madrob_console.messages.topic_mapping import NamedElement
-from madrob_console.testbeds.simulated.geometry import DoorGeometry
-from madrob_console.testbeds.simulated.sensor_model import RANGE_MAX, RANGE_MIN, Reading
+from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.announcement import Announcement
+from madrob_console.testbeds.simulated.encoder import Encoder
+from madrob_console.testbeds.simulated.sensor_frames import (
+    FRAMES_TOPIC,
+    FRAMES_TYPE,
+    encode_frames,
+    frame_name,
+    scan_angles,
+)
 from madrob_console.testbeds.simulated.testbed import RefereeState, SimulatedTestbed, parse_state
-from madrob_console.testbeds.source import Announcement, Source, TopicStatus
+from madrob_console.testbeds.source import Source, TopicStatus
 from recorder.bag import Durability, Qos, RawMessage, Topic
-from scoring.protocol import SENSORS_PER_STRIP, Condition, Signal, Strip
-
-# Readings as messages: the way back through a configured mapping.
-#
-# Whatever types and units a testbed is configured with, its simulation publishes the same.
-
-
-class Encoder:
-    """Encodes the messages of one topic, reusing one message object.
-
-    In a scan, `scan` sets the fields beside the ranges. Where the type is unknown, or its field
-    cannot hold the signal, it raises MadrobError.
-    """
-
-    def __init__(
-        self,
-        mapping: TopicMapping,
-        types: MessageTypes,
-        frame: str = "",
-        scan: Mapping[str, float] = MappingProxyType({}),
-    ) -> None:
-        self._mapping = mapping
-        self._types = types
-        field = find_signal(types, mapping)
-        self._message = types.make(mapping.type)
-        stamp = find_stamp(types, mapping.type)
-        self._stamp = None if stamp is None else stamp(self._message)
-        if stamp is not None:
-            self._message.header.frame_id = frame
-        self._holder, self._name, self._index = self._place(field)
-        self._base = field.base
-        if field.numbers:
-            size = len(getattr(self._holder, self._name))
-            if size not in (0, SENSORS_PER_STRIP):
-                raise self._error(f"{mapping.field} holds {size} ranges, not 4")
-            self._set_limits(field)
-            self._set_beside(field, scan)
-        if mapping.type == "sensor_msgs/msg/JointState":
-            self._message.name = ["door"]
-        if isinstance(named := field.steps[-1], NamedElement):
-            setattr(self._holder, named.names, [named.value])
-
-    def encode(self, stamp_ns: int, reading: Reading) -> bytes:
-        if self._stamp is not None:
-            self._stamp.sec, self._stamp.nanosec = divmod(stamp_ns, NS)
-        if isinstance(reading, tuple):
-            published = [self._published(number) for number in reading]
-            dtype = getattr(self._holder, self._name).dtype
-            setattr(self._holder, self._name, np.array(published, dtype))
-        elif self._index is None:
-            setattr(self._holder, self._name, self._published(reading))
-        else:
-            getattr(self._holder, self._name)[self._index] = self._published(reading)
-        return self._types.encode(self._mapping.type, self._message)
-
-    def _published(self, value: float) -> float:
-        raw = (value - self._mapping.offset) / self._mapping.scale
-        if self._base.startswith("float"):
-            return raw
-        return raw >= 0.5 if self._base == "bool" else round(raw)
-
-    def _place(self, field: MessageField) -> tuple[Message, str, int | None]:
-        *way, last = field.steps
-        index = None
-        if not isinstance(last, str):
-            index = last if isinstance(last, int) else 0
-            *way, last = way
-        names = [attribute(step) for step in (*way, last) if isinstance(step, str)]
-        if len(names) <= len(way) or field.each is not None:
-            raise self._error(f"{self._mapping.field} leads through an array of messages")
-        holder = reduce(getattr, names[:-1], self._message)
-        if index is not None:
-            array = getattr(holder, names[-1])
-            if len(array) <= index:
-                setattr(holder, names[-1], np.zeros(index + 1, array.dtype))
-        return holder, names[-1], index
-
-    def _set_limits(self, field: MessageField) -> None:
-        scale, offset = self._mapping.scale, self._mapping.offset
-        limits = sorted((limit - offset) / scale for limit in (RANGE_MIN, RANGE_MAX))
-        self._set_beside(field, dict(zip(("range_min", "range_max"), limits, strict=True)))
-
-    def _set_beside(self, field: MessageField, numbers: Mapping[str, float]) -> None:
-        for name, number in numbers.items():
-            if field.sibling(name, self._types) is not None:
-                setattr(self._holder, name, number)
-
-    def _error(self, reason: str) -> MadrobError:
-        return MadrobError(
-            f"{self._mapping.topic} cannot be simulated ({reason}); simulate the default topics"
-        )
-
-
-# Where the simulated sensors are, as ROS tells it: frames in headers, and `/tf_static`.
-#
-# All frames hang on `madrob_door` (protocol section 1), so that Foxglove and RViz can show scans
-# and start pose together. The testbed's interface does not need them, and a real one may name
-# others.
-
-
-FRAMES_TOPIC = "/tf_static"
-FRAMES_TYPE = "tf2_msgs/msg/TFMessage"
-
-_HALF = math.sqrt(0.5)
-_UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-_DOWN_TO_LEFT = (0.0, _HALF, 0.0, _HALF)
-_DOWN_TO_RIGHT = (_HALF, 0.0, -_HALF, 0.0)
-"""Turned so that x points down and y along the wall, to the left or right when looking to CCW."""
-
-_TRANSFORM = "geometry_msgs/msg/TransformStamped"
-
-
-@dataclass(frozen=True, slots=True)
-class StandingFrame:
-    """A static frame in `madrob_door`: origin x, y, z in m, and a quaternion x, y, z, w."""
-
-    name: str
-    place: tuple[float, float, float]
-    turn: tuple[float, float, float, float]
-
-
-def frame_name(signal: Signal) -> str:
-    if signal is Signal.HANDLE:
-        return "madrob_handle"
-    strip = STRIPS.get(signal)
-    return START_POSE_FRAME if strip is None else f"madrob_passage_{strip}"
-
-
-def frames(geometry: DoorGeometry) -> tuple[StandingFrame, ...]:
-    """The frames of handle and strips.
-
-    The handle's is where the handle is while the door is closed: x is the direction of a positive
-    force, which turns with the panel in truth. A strip's has x down, and y towards its last sensor.
-    """
-    free_end = _along_wall(geometry, geometry.panel_length)
-    handle = StandingFrame(
-        frame_name(Signal.HANDLE), (0.0, free_end, geometry.panel_height / 2), _UPRIGHT
-    )
-    return (handle, *(_strip_frame(geometry, strip) for strip in Strip))
-
-
-def scan_angles(geometry: DoorGeometry) -> dict[str, float]:
-    """The angles of a strip's `LaserScan`, by field, rad.
-
-    A scan has rays from one point, although the sensors look straight down, side by side. The rays
-    are spread so that each meets the ground below its sensor.
-    """
-    between = geometry.sensor_spacing / geometry.lintel_height
-    most = between * (SENSORS_PER_STRIP - 1) / 2
-    return {"angle_min": -most, "angle_max": most, "angle_increment": between}
-
-
-def encode_frames(types: MessageTypes, geometry: DoorGeometry, time_ns: int) -> RawMessage:
-    transforms = []
-    for frame in frames(geometry):
-        stamped = types.make(_TRANSFORM, child_frame_id=frame.name)
-        stamped.header.frame_id = START_POSE_FRAME
-        stamped.header.stamp.sec, stamped.header.stamp.nanosec = divmod(time_ns, NS)
-        place, turn = stamped.transform.translation, stamped.transform.rotation
-        place.x, place.y, place.z = frame.place
-        turn.x, turn.y, turn.z, turn.w = frame.turn
-        transforms.append(stamped)
-    data = types.encode(FRAMES_TYPE, types.make(FRAMES_TYPE, transforms=transforms))
-    return RawMessage(FRAMES_TOPIC, FRAMES_TYPE, data, time_ns, time_ns)
-
-
-def _strip_frame(geometry: DoorGeometry, strip: Strip) -> StandingFrame:
-    mounts = {mount.element: mount for mount in geometry.mounts if mount.strip is strip}
-    first, last = mounts[0], mounts[SENSORS_PER_STRIP - 1]
-    begin, end = (_along_wall(geometry, mount.reach) for mount in (first, last))
-    place = (first.x, (begin + end) / 2, geometry.lintel_height)
-    turn = _DOWN_TO_LEFT if end > begin else _DOWN_TO_RIGHT
-    return StandingFrame(frame_name(Signal.of_strip(strip)), place, turn)
-
-
-def _along_wall(geometry: DoorGeometry, reach: float) -> float:
-    return geometry.doorway_width / 2 - reach
-
+from scoring.protocol import Condition
 
 _KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
 _LARGEST_JITTER = 0.2

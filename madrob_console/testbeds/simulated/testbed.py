@@ -17,7 +17,8 @@ from madrob_console.common.clock import NS
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import Scenario
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC
-from madrob_console.testbeds.simulated.geometry import DoorGeometry, MotionPlan
+from madrob_console.testbeds.simulated.geometry import DoorGeometry
+from madrob_console.testbeds.simulated.motion import MotionPlan
 from madrob_console.testbeds.simulated.scenarios import plan_run
 from madrob_console.testbeds.simulated.sensor_model import (
     Reading,
@@ -105,9 +106,6 @@ class SimulatedTestbed:
 
     def read(self, signal: Signal, time_ns: int) -> Reading:
         return self._model.read(signal, self.scene(time_ns))
-
-
-# The referee's state, `/madrob/referee/state`, as testbed and robot read it.
 
 
 class RefereeState(msgspec.Struct, frozen=True):

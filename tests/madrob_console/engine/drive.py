@@ -51,10 +51,11 @@ from madrob_console.referee.flags import undecided
 from madrob_console.referee.records import CheckName, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_setup import RunSetup
+from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, SILENT, Announcement
 from madrob_console.testbeds.simulated import Scenario
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announcement, TopicStatus
+from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import RawMessage, Topic
 from recorder.reader import Bag
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose

@@ -19,8 +19,8 @@ from madrob_console.referee.acts import Act
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.rebuild import rebuild
 from madrob_console.referee.run import Run
+from madrob_console.testbeds.announcement import Announcement
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.testbeds.source import Announcement
 from tests.madrob_console.engine.drive import STEP, FaultyDrive, FaultySource
 
 T = TypeVar("T")

@@ -20,11 +20,11 @@ from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Start, Waive
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
-from madrob_console.testbeds.ros.intake import Received, arrivals
+from madrob_console.testbeds.announcement import Announcement
 from madrob_console.testbeds.ros.ros_source import RosSource
+from madrob_console.testbeds.ros.subscriptions import Received, arrivals
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import Announcement
 from recorder.bag import RawMessage
 from scoring.protocol import Outcome, Signal
 from scoring.result import Result

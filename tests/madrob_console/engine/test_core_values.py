@@ -68,7 +68,7 @@ from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.team_list import TeamList
 from madrob_console.referee.topic_health import Freshness
-from madrob_console.testbeds.source import Announcement
+from madrob_console.testbeds.announcement import Announcement
 from recorder.bag import RawMessage
 from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import (

@@ -25,8 +25,14 @@ from madrob_console.referee.journal import read_journal
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_setup import RunSetup
+from madrob_console.testbeds.announcement import (
+    INFO_TOPIC,
+    INFO_TYPE,
+    SILENT,
+    Announcement,
+    info_text,
+)
 from madrob_console.testbeds.simulated import SensorSettings
-from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, Announcement, info_text
 from recorder.bag import RawMessage
 from recorder.reader import Bag
 from tests.madrob_console.engine.drive import Drive, FaultyDrive, document, make_setup

@@ -26,8 +26,8 @@ from madrob_console.referee.acts import SetUp, Start, act_details
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run_setup import RunSetup
+from madrob_console.testbeds.simulated.encoder import Encoder
 from madrob_console.testbeds.simulated.sensor_model import Reading
-from madrob_console.testbeds.simulated.simulated_source import Encoder
 from recorder.bag import RawMessage
 from recorder.writer import BagWriter
 from scoring.protocol import (

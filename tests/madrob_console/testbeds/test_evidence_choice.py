@@ -13,17 +13,10 @@ from madrob_console.cli.main import main
 from madrob_console.common.clock import NS
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import Scenario, terminal_safe
-from madrob_console.testbeds.evidence_choice import (
-    NO_LIMIT,
-    EvidenceChoice,
-    FlowMeter,
-    RateLimit,
-    SilenceWatch,
-    TopicLimit,
-    matches,
-)
+from madrob_console.testbeds.announcement import info_text, simulated_in
+from madrob_console.testbeds.evidence_choice import NO_LIMIT, EvidenceChoice, TopicLimit, matches
+from madrob_console.testbeds.message_rates import FlowMeter, RateLimit, SilenceWatch
 from madrob_console.testbeds.ros_domain import domain_id
-from madrob_console.testbeds.source import info_text, simulated_in
 from recorder.bag import RawMessage
 
 

@@ -16,7 +16,8 @@ from madrob_console.testbeds.simulated import (
     SensorSettings,
     SimulatedTestbed,
 )
-from madrob_console.testbeds.simulated.simulated_source import FRAMES_TOPIC, SimulatedSource
+from madrob_console.testbeds.simulated.sensor_frames import FRAMES_TOPIC
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from recorder.bag import Durability, RawMessage
 from scoring.events import EventDetector
 from scoring.procedure import follow_procedure

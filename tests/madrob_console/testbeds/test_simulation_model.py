@@ -13,7 +13,7 @@ from madrob_console.testbeds.simulated import (
     MotionPlan,
     SimulatedTestbed,
 )
-from madrob_console.testbeds.simulated.geometry import LOAD_CELL_LIMIT
+from madrob_console.testbeds.simulated.motion import LOAD_CELL_LIMIT
 from scoring.protocol import (
     PASSAGE_SENSORS,
     PassageSensor,

@@ -60,8 +60,9 @@ from madrob_console.referee.competition_plan import plan_progress
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.referee.topic_health import SensorLimits
-from madrob_console.testbeds.simulated.simulated_source import Encoder
-from madrob_console.testbeds.source import SILENT, Announcement, Source, TopicStatus
+from madrob_console.testbeds.announcement import SILENT, Announcement
+from madrob_console.testbeds.simulated.encoder import Encoder
+from madrob_console.testbeds.source import Source, TopicStatus
 from recorder.bag import RawMessage, Topic
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import (

@@ -42,9 +42,9 @@ from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
+from madrob_console.testbeds.announcement import INFO_TOPIC
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from madrob_console.testbeds.source import INFO_TOPIC
 from recorder.bag import RawMessage
 from recorder.reader import Bag
 from scoring.protocol import Signal

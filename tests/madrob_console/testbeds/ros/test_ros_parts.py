@@ -23,16 +23,17 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.messages.message_types import MessageTypes
+from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, SILENT, info_text
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
-from madrob_console.testbeds.ros import RosSource
-from madrob_console.testbeds.ros import intake as ros_intake
+from madrob_console.testbeds.ros import RosSource, subscriptions
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class, load_module
+from madrob_console.testbeds.ros.door_parameters import door_parameters
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
-from madrob_console.testbeds.ros.intake import LossCounter, QosSwitch, qos_profile
+from madrob_console.testbeds.ros.intake import LossCounter
 from madrob_console.testbeds.ros.ros_source import Mailbox
+from madrob_console.testbeds.ros.subscriptions import QosSwitch, qos_profile
 from madrob_console.testbeds.ros.types import describe_installed, find_definition, prefixes
-from madrob_console.testbeds.ros.watches import console_name, door_parameters, second_referee
-from madrob_console.testbeds.source import INFO_TOPIC, INFO_TYPE, SILENT, info_text
+from madrob_console.testbeds.ros.watches import console_name, second_referee
 from recorder.bag import Durability, Qos, RawMessage
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 from tests.madrob_console import said
@@ -606,7 +607,7 @@ def test_a_topic_on_which_ros_fails_is_named_and_ends_no_other(
                 raise RuntimeError("no such thing\nas a subscription")
             super().listen(qos, publishers)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(ros_intake, "QosSwitch", Failing)
+    monkeypatch.setattr(subscriptions, "QosSwitch", Failing)
     here = listen("/hall/**")
     bad, good = (peer.publisher(f"/hall/{name}", BOOL) for name in ("bad", "good"))
     failed = "ROS fails (no such thing)"
