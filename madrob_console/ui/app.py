@@ -47,14 +47,8 @@ from madrob_console.ui.keys.terminal_driver import ConsoleDriver, KeysDropped
 from madrob_console.ui.keys.terminal_input import MOST_KEYS
 from madrob_console.ui.keys.type_ahead import UNSEEN, TypeAhead
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink, OpenClient
-from madrob_console.ui.look.themes import (
-    ASCII,
-    COLOURLESS,
-    NO_COLOURS,
-    THEMES,
-    theme_for,
-    uses_ascii,
-)
+from madrob_console.ui.look.ascii_signs import ASCII, uses_ascii
+from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
 from madrob_console.ui.look.words import done_text
 
 if TYPE_CHECKING:
@@ -62,9 +56,10 @@ if TYPE_CHECKING:
 
     from madrob_console.engine.snapshot import Snapshot
     from madrob_console.ui.cells.dialog import Dialog
+    from madrob_console.ui.panes.check_list import CheckList
+    from madrob_console.ui.panes.list_pane import RunsPane
     from madrob_console.ui.panes.plan_pane import PlanPane
-    from madrob_console.ui.panes.runs_pane import RunsPane
-    from madrob_console.ui.panes.setup_pane import CheckList, SetupPane
+    from madrob_console.ui.panes.setup_pane import SetupPane
 
 _OVER = {name for key in KEYS.values() if key.over for name in key.keys.split(",")}
 """Keys that work over a question and over the palette."""

@@ -144,9 +144,6 @@ class EngineLink:
             self._client.close()
 
 
-# The console's proposals before the referee has typed anything.
-
-
 FIRST_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)
 """Condition 1: what the first run's set-up proposes, for subject 1."""
 

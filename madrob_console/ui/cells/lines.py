@@ -1,4 +1,4 @@
-"""Text of few bytes: lines that write changed cells only, and small controls made of them.
+"""Text of few bytes: lines that write changed cells only.
 
 A screen over SSH must stay small (a full repaint at 10 Hz is over 100 kB/s), so the live widgets
 draw lines of spans, compare them with what is on screen and refresh the cells between the first
@@ -9,20 +9,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
-from itertools import chain, groupby
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+from itertools import chain
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual import events
-from textual.binding import Binding, BindingType
 from textual.color import Color
 from textual.geometry import Region, Size
-from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -308,165 +305,3 @@ def _characters(spans: Line) -> list[tuple[str, Tone]]:
 
 def _is_narrow(char: str) -> bool:
     return char.isascii() or cell_len(char) == 1
-
-
-# One of a few values, on one line.
-
-
-V = TypeVar("V")
-
-_BACK, _ON = "back", "on"
-
-
-class Choice(Lines, Generic[V], can_focus=True):
-    """Left, right and space go through the values; nothing pops up."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("left", "turn(-1)", show=False),
-        Binding("right,space", "turn(1)", show=False),
-    ]
-
-    @dataclass
-    class Changed(Message):
-        """The referee chose another value."""
-
-        choice: Choice[Any]
-
-    def __init__(self, options: Sequence[tuple[str, V]], value: V, *, id: str) -> None:  # noqa: A002 - textual's name
-        super().__init__(id=id)
-        self._options = list(options)
-        self._index = 0
-        self.value = value
-
-    @property
-    def value(self) -> V:
-        return self._options[self._index][1]
-
-    @value.setter
-    def value(self, value: V) -> None:
-        for index, (_, option) in enumerate(self._options):
-            if option == value:
-                self._index = index
-        self.redraw()
-
-    def lines(self, width: int) -> Sequence[Line]:
-        label = self._options[self._index][0]
-        focused = self.has_focus
-        place = f" {self._index + 1}/{len(self._options)}"
-        few = len(self._options) < 3  # and "1/2" reads like an attempt
-        if few or not focused or cell_len(label) + 4 + len(place) > width:
-            place = ""
-        return [
-            line(
-                Target("< ", Tone.STRONG if focused else Tone.DIM, _BACK),
-                Target(label, Tone.CURSOR if focused else Tone.PLAIN, _ON),
-                Target(" >", Tone.STRONG if focused else Tone.DIM, _ON),
-                Span(place, Tone.DIM),
-            )
-        ]
-
-    def take_click(self, target: str, _event: events.Click) -> None:
-        self.action_turn(-1 if target == _BACK else 1)
-
-    def action_turn(self, step: int) -> None:
-        self._index = (self._index + step) % len(self._options)
-        self.redraw()
-        self.post_message(self.Changed(self))
-
-
-# A horizontal scale with marks.
-
-
-def scale(track: str, marks: Iterable[tuple[int, str, Tone]]) -> Line:
-    """A track with marks put on it, as (cell, character, tone); later marks win."""
-    cells = [Span(char, Tone.DIM) for char in track]
-    for cell, char, tone in marks:
-        if 0 <= cell < len(cells):
-            cells[cell] = Span(char, tone)
-    return joined(cells)
-
-
-def joined(cells: Iterable[Span]) -> Line:
-    """Joins neighbours of one tone into one span."""
-    parts = groupby(cells, lambda cell: cell.tone)
-    return tuple(Span("".join([cell.text for cell in part]), tone) for tone, part in parts)
-
-
-def ruler(width: int, labels: Iterable[tuple[int, str]]) -> str:
-    """Labels centred under their cells; one that would touch its neighbour is left out."""
-    text = [" "] * width
-    end = -1
-    for cell, label in sorted(labels):
-        begin = min(max(0, cell - len(label) // 2), max(0, width - len(label)))
-        if begin > end:
-            text[begin : begin + len(label)] = label
-            end = begin + len(label)
-    return "".join(text[:width])
-
-
-# Text that changes now and then: names of fields, messages.
-
-
-class Label(Lines):
-    """A text in one tone, on as many rows as it needs; `keys` are those that it names."""
-
-    def __init__(
-        self,
-        text: str = "",
-        tone: Tone = Tone.DIM,
-        *,
-        id: str | None = None,  # noqa: A002 - textual's name
-        keys: Mapping[str, str] = NAMED_KEYS,
-    ) -> None:
-        super().__init__(id=id)
-        self._text, self._named = text, keys
-        self.tone = tone
-
-    @property
-    def text(self) -> str:
-        return self._text
-
-    def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        self._text, self.tone = text, tone
-        self.redraw()
-
-    def lines(self, width: int) -> Sequence[Line]:
-        return with_keys(paragraph(self._text, width, self.tone), self._named)
-
-
-class Said(NamedTuple):
-    """A message; `at` is in s since the epoch."""
-
-    at: float
-    text: str
-    tone: Tone
-
-
-# A button on one line.
-
-
-class PushButton(Lines, can_focus=True):
-    """Enter or space presses it."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter,space", "press", show=False)]
-
-    class Pressed(Message):
-        """It was pressed."""
-
-    def __init__(self, label: str, *, id: str) -> None:  # noqa: A002 - textual's name
-        super().__init__(id=id)
-        self.label = label
-
-    def say(self, label: str) -> None:
-        self.label = label
-        self.redraw()
-
-    def lines(self, width: int) -> Sequence[Line]:
-        tone = Tone.CURSOR if self.has_focus else Tone.STRONG
-        return [line(Span(f"[ {self.label} ]", tone))]
-
-    def on_click(self, _event: events.Click) -> None:
-        self.action_press()
-
-    def action_press(self) -> None:
-        self.post_message(self.Pressed())

@@ -32,16 +32,17 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.competition_plan import plan_remarks
 from madrob_console.referee.records import cause_of
 from madrob_console.referee.run import Phase
+from madrob_console.ui.cells.controls import Label
 from madrob_console.ui.cells.dialog import Drafts
-from madrob_console.ui.cells.lines import TONE_CLASSES, Label, Tone, View
+from madrob_console.ui.cells.lines import TONE_CLASSES, Tone, View
 from madrob_console.ui.frame.frame_lines import (
     FaultLine,
-    KeyLine,
     PlaybackBar,
     StatusLine,
     TinyClock,
     TopLine,
 )
+from madrob_console.ui.frame.key_line import KeyLine
 from madrob_console.ui.keys.console_questions import (
     SelectedRun,
     ask_copy,

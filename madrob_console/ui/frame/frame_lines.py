@@ -1,58 +1,40 @@
-"""The lines around every pane: top, faults, status, keys, playback, and a tiny terminal's clock."""
+"""The lines around every pane: top, faults, messages, playback, a tiny terminal's clock."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
-from textual.keys import key_to_character
 
 from madrob_console.common.formatting import format_size, time_of_day
 from madrob_console.common.names import REHEARSAL, SourceKind
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.run import Phase
+from madrob_console.ui.cells.axes import scale
+from madrob_console.ui.cells.controls import Said
 from madrob_console.ui.cells.lines import (
     Line,
     Lines,
-    Said,
     Span,
-    Target,
     Tone,
     View,
     line,
     paragraph,
-    scale,
     width_of,
     with_keys,
 )
-from madrob_console.ui.keys.key_table import (
-    FINDS_BY_ITSELF,
-    FUNCTION_KEYS,
-    KEYS,
-    PLAYBACK_KEYS,
-    Key,
-)
 from madrob_console.ui.look.words import clock_text, fitted, minutes_text, shortened
-from madrob_console.ui.panes.run_status import (
-    BELOW,
-    FAULT,
-    ON_LIVE,
-    banner,
-    clock_span,
-    notices,
-    packed,
-    phase_span,
-    short_form,
-    team_text,
-)
+from madrob_console.ui.panes.notices import BELOW, FAULT, ON_LIVE, banner, notices, short_form
+from madrob_console.ui.panes.run_status import clock_span, packed, phase_span, team_text
 
 if TYPE_CHECKING:
     from madrob_console.engine.playback import PlaybackView
     from madrob_console.engine.snapshot import RecorderView, Snapshot
+
 
 LITTLE_DISK = 2_000_000_000
 """Below this many bytes free the number is marked; the pre-start check decides."""
@@ -135,9 +117,6 @@ def _disk(snapshot: Snapshot, *, roomy: bool) -> Line:
     return line(Span(f" {format_size(free)} free", Tone.DIM)) if roomy else ()
 
 
-# Faults of now; each stays until it is gone.
-
-
 class FaultLine(View):
     """The faults, one a row; the last row counts the rest. `whole_below`: the pane has them all."""
 
@@ -157,101 +136,6 @@ class FaultLine(View):
             line(Span(mark, Tone.ALARM), Span(row, Tone.BAD))
             for mark, row in zip(marks, rows, strict=True)
         ]
-
-
-# The footer: the keys that are possible now, the most important first.
-
-
-MOST_KEYS = 7
-
-_FOOTER = (
-    *("start", "abort", "timeout", "restart", "accept", "pose", "zero", "menu", "next", "rule"),
-    *("incident", "take_back", "history", "plan", "standings", "setup", "live", "results"),
-    "leave",
-)
-_ENTER = {"setup": "Set up", "plan": "Set up", "standings": "Runs"} | dict.fromkeys(
-    ("figures", "help", "messages"), ""
-)
-"""What Enter does where it opens no menu."""
-
-
-class KeyLine(View):
-    """One row: at most seven keys that are possible now, then F1. A click on one presses it."""
-
-    pane = "setup"
-    typing = False
-    asks = False
-    """Whether a question is open: few keys work then."""
-
-    def lines(self, width: int) -> Sequence[Line]:
-        if self._snapshot is not None and self._snapshot.pulse.gone:
-            return [_without_engine(self._snapshot)]
-        keys = self._possible(self._snapshot)[:MOST_KEYS]
-        state = "typing; Esc: keys" if self.typing else "a question is open" if self.asks else ""
-        head = line(Span(state, Tone.STRONG), "  ") if state else ()
-        tail = () if self.asks else (KEYS["help"],)
-        while width_of(row := (*head, *self._row((*keys, *tail)))) > width and keys:
-            keys.pop()
-        return [row]
-
-    def _possible(self, snapshot: Snapshot | None) -> list[Key]:
-        if snapshot is None:
-            return [KEYS["leave"]]
-        keys = [KEYS[name] for name in _FOOTER]
-        if snapshot.playback is not None:
-            keys = [*PLAYBACK_KEYS, *(key for key in keys if not key.act)]
-        return [key for key in keys if self._is_possible(key, snapshot)]
-
-    def _is_possible(self, key: Key, snapshot: Snapshot) -> bool:
-        if (key.where and self.pane not in key.where) or (self.asks and not key.over):
-            return False
-        if self.typing and key not in FUNCTION_KEYS and key is not KEYS["menu"]:
-            return False
-        run = snapshot.run
-        match key.name:
-            case "menu":
-                able = not snapshot.right.only_watches or self.pane not in ("live", "setup")
-                return able and self._label(key) != ""
-            case "next" if self.pane == "setup":
-                return False  # Enter does it
-            case "restart" if run.held is None:
-                return False
-            case "setup" if run.active:
-                return False
-            case "live" if run.setup is None:
-                return False
-            case "results" if snapshot.result is None:
-                return False
-        if key.act and snapshot.right.only_watches:
-            return False
-        return key.pane != self.pane and key.refusal(snapshot) is None
-
-    def _label(self, key: Key) -> str:
-        return _ENTER.get(self.pane, key.label) if key is KEYS["menu"] else key.label
-
-    def _row(self, keys: Iterable[Key]) -> Line:
-        spans: list[Span] = []
-        for key in keys:
-            spans += [Span("  ")] if spans else []
-            first = key.keys.partition(",")[0]
-            caps = {key_to_character(name): name for name in key.keys.split(",")}
-            each = [caps.get(char, "") for char in key.cap]  # of `1-6` and the like, a key each
-            several = sum(map(bool, each)) > 1
-            targets = zip(key.cap, each, strict=True) if several else [(key.cap, first)]
-            spans += [Target(cap, Tone.CAP, name or first) for cap, name in targets]
-            spans.append(Target(f" {self._label(key)}", Tone.PLAIN, first))
-        return tuple(spans)
-
-
-def _without_engine(snapshot: Snapshot) -> Line:
-    if snapshot.right.only_watches:
-        return line(Span(FINDS_BY_ITSELF, Tone.STRONG))
-    again = KEYS["engine"]
-    cap = Target(again.cap, Tone.CAP, again.keys)
-    return line(cap, Target(f" {again.help}", Tone.STRONG, again.keys))
-
-
-# The position of a replay, above every pane, so that nobody takes it for a live run.
 
 
 _LEAST_GAUGE = 10
@@ -313,9 +197,6 @@ def _scale(playback: PlaybackView, width: int) -> Line:
     return scale("-" * width, [*marks, *start, (played, "●", Tone.WARN)])
 
 
-# The latest message, with its time of day; it goes with the next key.
-
-
 _GRAVE = (Tone.BAD, Tone.WARN)
 
 
@@ -366,9 +247,6 @@ class StatusLine(Lines):
             return with_keys(paragraph(self.hint, width, Tone.DIM))
         head = line(Span(f"{time_of_day(self._at)} ", Tone.DIM))
         return with_keys(paragraph(self._said, width, self.tone, head))
-
-
-# The run in a terminal that is too small for the other screens.
 
 
 class TinyClock(View):

@@ -6,15 +6,15 @@ from collections.abc import Iterator, Sequence
 
 from madrob_console.archive.history import History
 from madrob_console.engine.requests import GiveCurves
-from madrob_console.ui.cells.lines import Said
+from madrob_console.ui.cells.controls import Said
 from madrob_console.ui.link import ConsoleDefaults, EngineLink
 from madrob_console.ui.panes.figures_pane import FiguresPane
 from madrob_console.ui.panes.help_pane import HelpPane
+from madrob_console.ui.panes.history_pane import HistoryPane
 from madrob_console.ui.panes.live_pane import LivePane
 from madrob_console.ui.panes.messages_pane import MessagesPane
 from madrob_console.ui.panes.plan_pane import PlanPane, PlanReader
 from madrob_console.ui.panes.result_pane import ResultsPane
-from madrob_console.ui.panes.runs_pane import HistoryPane
 from madrob_console.ui.panes.setup_pane import SetupPane
 from madrob_console.ui.panes.standings_pane import StandingsPane
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from madrob_console.engine.curves import Curve
 from madrob_console.referee.topic_health import Freshness
-from madrob_console.ui.cells.lines import Line, Span, Tone, View, joined, line
-from madrob_console.ui.cells.plot import Frame, Mark, Plot, Window
+from madrob_console.ui.cells.axes import Window, joined
+from madrob_console.ui.cells.lines import Line, Span, Tone, View, line
+from madrob_console.ui.cells.plot import Frame, Mark, Plot
 from scoring.figure_table import Quantity, marked_events
 
 if TYPE_CHECKING:
@@ -19,8 +20,6 @@ SPAN = 20
 """So much of the course is always shown, s."""
 
 _ROOMY = 34
-
-# In numbers, and their course in a row.
 
 
 def _door_words(snapshot: Snapshot, width: int) -> Line:
@@ -82,8 +81,6 @@ class HandleGauge(View):
         course = _bars(snapshot, handle.recent, zero, touch, full, label, width)
         return [_handle_words(handle, width), course]
 
-
-# The course of the last 20 s.
 
 _BARS = "▁▂▃▄▅▆▇█"
 

@@ -28,7 +28,7 @@ from madrob_console.ui.keys.key_table import (
     MENU,
     PLAYBACK_KEYS,
 )
-from madrob_console.ui.panes.runs_pane import Filtered
+from madrob_console.ui.panes.list_pane import Filtered
 from madrob_console.ui.panes.top_view import LEGEND
 
 if TYPE_CHECKING:

@@ -14,21 +14,11 @@ from madrob_console.referee.topic_health import Freshness
 from madrob_console.ui.cells.lines import Line, Span, Tone, Unmarked, View, line, paragraph
 from madrob_console.ui.look.words import rough_text
 from madrob_console.ui.panes.gauges import DoorGauge, HandleGauge, StripChart
-from madrob_console.ui.panes.run_status import (
-    AllFaults,
-    Banner,
-    EvidenceLine,
-    RunClock,
-    RunStatus,
-    StepTable,
-    Tenths,
-)
+from madrob_console.ui.panes.notices import AllFaults, Banner, EvidenceLine
+from madrob_console.ui.panes.run_status import RunClock, RunStatus, StepTable, Tenths
 from madrob_console.ui.panes.top_view import Doorway, symbol
 from scoring.protocol import Side
 from scoring.result import DOUBTED
-
-# The last lines of the event log.
-
 
 _TONES = {
     Origin.REFEREE: Tone.STRONG,
@@ -60,9 +50,6 @@ def log_lines(entry: LogLine, width: int) -> list[Line]:
     return paragraph(entry.text, width, _LOUD.get(entry.weight) or _TONES[entry.origin], head)
 
 
-# The ten passage sensors as they hang over the doorway, seen from above.
-
-
 class Passage(View):
     """CCW side above, CW side below; the hinge on the left, from which sensors count down."""
 
@@ -80,9 +67,6 @@ class Passage(View):
             line(Span("O occupied  . clear", Tone.DIM)),
             line(Span("m masked s stale ? no data", Tone.DIM)),
         ]
-
-
-# What is known before the result, and how many sources deliver, in one line.
 
 
 _NAMES = {

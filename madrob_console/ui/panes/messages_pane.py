@@ -6,9 +6,11 @@ from collections.abc import Sequence
 
 from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.ui.cells.lines import Said, Span, Tone
-from madrob_console.ui.cells.table import Column, Table
-from madrob_console.ui.panes.runs_pane import LIST_KEYS, ListPane
+from madrob_console.ui.cells.columns import Column
+from madrob_console.ui.cells.controls import Said
+from madrob_console.ui.cells.lines import Span, Tone
+from madrob_console.ui.cells.table import Table
+from madrob_console.ui.panes.list_pane import LIST_KEYS, ListPane
 
 
 class MessagesPane(ListPane[Said]):

@@ -21,10 +21,12 @@ from madrob_console.referee.competition_plan import (
     plan_remarks,
 )
 from madrob_console.referee.run_summary import condition_words
+from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.lines import Span, Tone
-from madrob_console.ui.cells.table import Column, Table
+from madrob_console.ui.cells.table import Table
 from madrob_console.ui.link import EngineLink
-from madrob_console.ui.panes.runs_pane import ListPane, number_column, results_state, text_column
+from madrob_console.ui.panes.list_columns import number_column, text_column
+from madrob_console.ui.panes.list_pane import ListPane, results_state
 
 KEYS = "Enter proposes the marked team and condition, < > o sort, / filters"
 LEGEND = "> next  1/2 one of two done  + out of plan  P protest"
@@ -181,9 +183,6 @@ def about(attempts: Attempts, teams: Mapping[int, str]) -> str:
         f"{attempts.left} left" if attempts.left else "",
     )
     return "; ".join(filter(None, facts))
-
-
-# The progress of the competition's plan, as this screen knows it.
 
 
 class PlanReader:

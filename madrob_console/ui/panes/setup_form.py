@@ -1,4 +1,4 @@
-"""The fields of a run's set-up, and what is said of them."""
+"""The fields of a run's set-up."""
 
 from __future__ import annotations
 
@@ -17,82 +17,18 @@ from madrob_console.archive.folders import holds_rehearsals
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import REHEARSAL, clean_name
 from madrob_console.config.tables import start_pose_on
-from madrob_console.engine.snapshot import Snapshot
-from madrob_console.pages.plan_text import task_words
-from madrob_console.referee.acts import SetUp, Start
-from madrob_console.referee.competition_plan import PlanProgress, Task
-from madrob_console.referee.run import Phase
+from madrob_console.referee.competition_plan import Task
 from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.team_list import NO_TEAMS, TeamList
+from madrob_console.ui.cells.controls import Choice, Label, PushButton
 from madrob_console.ui.cells.field import Field, NumberField
-from madrob_console.ui.cells.lines import Choice, Label, Line, PushButton, Span, Tone, line
-from madrob_console.ui.keys.key_table import CAPS
+from madrob_console.ui.cells.lines import Line, Span, Tone, line
 from madrob_console.ui.keys.questions import OtherName
 from madrob_console.ui.link import FIRST_CONDITION, ConsoleDefaults
 from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.top_view import TopView
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.rulesets import RulesetName
-
-# What the set-up pane says of its fields: errors, and the key that goes on.
-
-
-OPEN = (Phase.IDLE, Phase.READY)
-"""In these phases the fields are set up; in others they are a draft of the next run."""
-
-
-def state_words(
-    now: Snapshot, setup: RunSetup | str, plan: PlanProgress, problem: str
-) -> tuple[str, Tone]:
-    """What becomes of the fields, which say `setup` or what is wrong with them."""
-    run = now.run
-    if (refused := now.refusal(SetUp.name)) is not None:
-        what = "be set up here" if now.right.only_watches else "be set up now"
-        return f"No run can {what}: {refused}.", Tone.WARN
-    if problem or isinstance(setup, str):
-        return f"x {problem or setup}", Tone.BAD
-    why = setup.team_reason
-    other = f" Other name than the list's: {why}." if why else ""
-    checked = setup == run.setup and run.phase in OPEN
-    planned = _planned(setup, plan, checked=checked)
-    if run.phase not in OPEN:
-        return f"Draft for subject {setup.subject}{planned}: Enter sets it up.{other}", Tone.PLAIN
-    if not checked:
-        return f"Not set up yet{planned}: Enter sets it up.{other}", Tone.WARN
-    then = "F5 starts." if now.refusal(Start.name) is None else "See the checks."
-    if not run.pose_confirmed:
-        then = f"{CAPS['pose']} confirms its pose."
-    what = f"Run {setup.run_number} of subject {setup.subject}{planned}"
-    return f"{what} is set up. {then}{other}", Tone.GOOD
-
-
-def _planned(setup: RunSetup, plan: PlanProgress, *, checked: bool) -> str:
-    of = next((task for task in plan.tasks if task.task == task_of(setup)), None)
-    if setup.out_of_plan:
-        return "" if checked else ", OUT OF PLAN"
-    if setup.practice or of is None or not of.planned:
-        return ""
-    return f", attempt {of.done + 1} of {of.planned}" if of.left else ", an attempt repeated"
-
-
-def next_words(setup: RunSetup | str, plan: PlanProgress, names: Mapping[int, str]) -> str:
-    """What x sets up, if that is the plan's next run or one more of practice; else empty."""
-    following = plan.next
-    if following is None or isinstance(setup, str):
-        return ""
-    if setup.practice:
-        return "x: practice again. p, then Enter: the plan's next."
-    if task_of(setup) != following.task:
-        return ""
-    attempt = f"attempt {following.number} of {following.planned}"
-    return f"x: {task_words(following.task, names)}, {attempt}. p shows the plan."
-
-
-def task_of(setup: RunSetup) -> Task:
-    return Task(setup.subject, setup.condition.number)
-
-
-# The fields.
 
 
 class FoldLine(PushButton):

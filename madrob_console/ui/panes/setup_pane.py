@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from textual import events, work
+from textual import work
 from textual.actions import SkipAction
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -14,157 +14,25 @@ from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.formatting import time_of_day
 from madrob_console.engine.requests import NextRunNumber
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.referee.acts import SetUp, Waive
-from madrob_console.referee.checks import Check, CheckState, causes
-from madrob_console.referee.competition_plan import Task
-from madrob_console.referee.records import CheckName
+from madrob_console.pages.plan_text import task_words
+from madrob_console.referee.acts import SetUp, Start
+from madrob_console.referee.competition_plan import PlanProgress, Task
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.run_summary import RunSummary
+from madrob_console.ui.cells.controls import Choice, Label, PushButton
 from madrob_console.ui.cells.field import NumberField
-from madrob_console.ui.cells.lines import (
-    Choice,
-    Label,
-    Line,
-    PushButton,
-    Span,
-    Target,
-    Tone,
-    View,
-    line,
-    paragraph,
-    width_of,
-    with_keys,
-)
+from madrob_console.ui.cells.lines import Tone
 from madrob_console.ui.keys.console_questions import ask_other_name
-from madrob_console.ui.keys.key_table import with_caps
+from madrob_console.ui.keys.key_table import CAPS
 from madrob_console.ui.keys.questions import Ask, OtherName
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink
-from madrob_console.ui.look.words import shortened
+from madrob_console.ui.panes.check_list import CheckList
 from madrob_console.ui.panes.plan_pane import PlanReader
-from madrob_console.ui.panes.setup_form import (
-    OPEN,
-    FoldLine,
-    SetupForm,
-    next_words,
-    state_words,
-    task_of,
-)
+from madrob_console.ui.panes.setup_form import FoldLine, SetupForm
 from madrob_console.ui.panes.team_picker import TeamPicker
-
-# The pre-start checks that want the referee's eye.
-
-
-_MARKS = {
-    CheckState.WARNING: ("!", Tone.DIM),
-    CheckState.FAILED: ("x", Tone.BAD),
-    CheckState.NO_DATA: ("?", Tone.BAD),
-    CheckState.WAIVED: ("~", Tone.WARN),
-}
-
-
-class CheckList(View, can_focus=True):
-    """What does not pass, a row each, first what is in the way of a start; how many pass.
-
-    With the focus, up and down mark a check, which shows all its words; Enter waives it.
-    """
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("up", "move(-1)", show=False),
-        Binding("down", "move(1)", show=False),
-        Binding("enter", "choose", show=False),
-    ]
-
-    @dataclass
-    class Chosen(Message):
-        """The referee wants to waive a check."""
-
-        check: CheckName
-
-    _marked: CheckName | None = None
-
-    def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
-        title, open_checks, checks = (
-            Span("Checks  ", Tone.STRONG),
-            self._open_checks,
-            snapshot.checks,
-        )
-        if snapshot.playback is not None:
-            return [line(title, "made on the day; F4 shows the waivers")]
-        if snapshot.pulse.stale:
-            return [line(title, Span(f"old: of {time_of_day(snapshot.time)}", Tone.WARN))]
-        verdict, how = Span("all passed or waived", Tone.GOOD), ""
-        if blocking := sum(check.blocks for check in checks):
-            verdict = Span(f"{blocking} of {len(checks)} checks fail", Tone.BAD)
-            how = "" if snapshot.refusal(Waive.name) else "   Tab, then Enter on one waives it"
-        rows = [line(title, verdict, Span(how, Tone.DIM))]
-        for check in open_checks:
-            rows += _rows(check, width, marked=self.has_focus and check is self._at(0))
-        passed = sum(check.state is CheckState.OK for check in checks)
-        silent = len(checks) - len(open_checks) - passed
-        without = f", {silent} without data for that reason" if silent else ""
-        rows.append(line(Span("  ✓ ", Tone.GOOD), f"{passed} ok{without}"))
-        sides, teams = snapshot.sides_problem, snapshot.teams.problems
-        notes = [] if snapshot.right.only_watches else [sides and f"sides: {sides}", *teams[:1]]
-        for note in filter(None, notes):
-            rows += paragraph(note, width, head=line(Span("  ! ", Tone.WARN)))
-        return rows
-
-    def action_move(self, step: int) -> None:
-        """Marks the next or previous check; above the first the focus goes back."""
-        moved = self._at(step)
-        if step < 0 and moved is self._at(0):
-            self.screen.focus_previous()
-        self._marked = None if moved is None else moved.name
-        self.redraw()
-
-    def action_choose(self) -> None:
-        if (check := self._at(0)) is not None:
-            self.post_message(self.Chosen(check.name))
-
-    def take_click(self, target: str, event: events.Click) -> None:
-        """Marks the check under the mouse; a double click waives it. A key is pressed."""
-        if target not in [*CheckName]:
-            super().take_click(target, event)
-            return
-        self._marked = CheckName(target)
-        self.redraw()
-        if event.chain == 2:
-            self.action_choose()
-
-    @property
-    def _open_checks(self) -> list[Check]:
-        checks = () if self._snapshot is None else self._snapshot.checks
-        others = (
-            check for check in checks if check.state is not CheckState.OK and not check.blocks
-        )
-        return [*causes(checks), *others]
-
-    def _at(self, step: int) -> Check | None:
-        """The check so many rows below the marked one, or the nearest to that."""
-        open_checks = self._open_checks
-        marked = next((i for i, check in enumerate(open_checks) if check.name is self._marked), 0)
-        return (
-            open_checks[min(max(0, marked + step), len(open_checks) - 1)] if open_checks else None
-        )
-
-
-def _rows(check: Check, width: int, *, marked: bool) -> list[Line]:
-    sign, tone = _MARKS[check.state]
-    head = line(Span("> " if marked else "  ", Tone.STRONG), Span(f"{sign} ", tone))
-    reason = with_caps(check.reason)
-    text = reason if check.blocks else f"{check.name}: {reason}"
-    plain = tone if tone is Tone.DIM else Tone.PLAIN
-    row = (*head, Span(shortened(text, width - width_of(head)), plain))
-    rows = paragraph(text, width, Tone.CURSOR, head) if marked else [row]
-    return [
-        tuple(span if isinstance(span, Target) else Target(*span, check.name) for span in row)
-        for row in with_keys(rows)
-    ]
-
 
 _NEXT = (Phase.IDLE, Phase.STOPPED, Phase.FINAL)
 """In these phases the next run is set up."""
@@ -444,3 +312,58 @@ class SetupPane(Vertical):
         sign = "- Less" if self.has_class("-unfolded") else "+ More"
         self._fold.say(f"{sign}: {self._form.seldom_changed}")
         self._state.say(*state_words(now, setup, self._plan.progress, self._problem))
+
+
+OPEN = (Phase.IDLE, Phase.READY)
+"""In these phases the fields are set up; in others they are a draft of the next run."""
+
+
+def state_words(
+    now: Snapshot, setup: RunSetup | str, plan: PlanProgress, problem: str
+) -> tuple[str, Tone]:
+    """What becomes of the fields, which say `setup` or what is wrong with them."""
+    run = now.run
+    if (refused := now.refusal(SetUp.name)) is not None:
+        what = "be set up here" if now.right.only_watches else "be set up now"
+        return f"No run can {what}: {refused}.", Tone.WARN
+    if problem or isinstance(setup, str):
+        return f"x {problem or setup}", Tone.BAD
+    why = setup.team_reason
+    other = f" Other name than the list's: {why}." if why else ""
+    checked = setup == run.setup and run.phase in OPEN
+    planned = _planned(setup, plan, checked=checked)
+    if run.phase not in OPEN:
+        return f"Draft for subject {setup.subject}{planned}: Enter sets it up.{other}", Tone.PLAIN
+    if not checked:
+        return f"Not set up yet{planned}: Enter sets it up.{other}", Tone.WARN
+    then = "F5 starts." if now.refusal(Start.name) is None else "See the checks."
+    if not run.pose_confirmed:
+        then = f"{CAPS['pose']} confirms its pose."
+    what = f"Run {setup.run_number} of subject {setup.subject}{planned}"
+    return f"{what} is set up. {then}{other}", Tone.GOOD
+
+
+def _planned(setup: RunSetup, plan: PlanProgress, *, checked: bool) -> str:
+    of = next((task for task in plan.tasks if task.task == task_of(setup)), None)
+    if setup.out_of_plan:
+        return "" if checked else ", OUT OF PLAN"
+    if setup.practice or of is None or not of.planned:
+        return ""
+    return f", attempt {of.done + 1} of {of.planned}" if of.left else ", an attempt repeated"
+
+
+def next_words(setup: RunSetup | str, plan: PlanProgress, names: Mapping[int, str]) -> str:
+    """What x sets up, if that is the plan's next run or one more of practice; else empty."""
+    following = plan.next
+    if following is None or isinstance(setup, str):
+        return ""
+    if setup.practice:
+        return "x: practice again. p, then Enter: the plan's next."
+    if task_of(setup) != following.task:
+        return ""
+    attempt = f"attempt {following.number} of {following.planned}"
+    return f"x: {task_words(following.task, names)}, {attempt}. p shows the plan."
+
+
+def task_of(setup: RunSetup) -> Task:
+    return Task(setup.subject, setup.condition.number)

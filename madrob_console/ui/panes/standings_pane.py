@@ -28,17 +28,12 @@ from madrob_console.pages.tally import (
     subjects_text,
 )
 from madrob_console.referee.run_summary import RunSummary, condition_words
+from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.lines import Span, Tone
-from madrob_console.ui.cells.table import Column, Table
-from madrob_console.ui.panes.runs_pane import (
-    LIST_KEYS,
-    MISSING,
-    Load,
-    RunsPane,
-    number_column,
-    protests_open,
-    text_column,
-)
+from madrob_console.ui.cells.table import Table
+from madrob_console.ui.panes.history_pane import protests_open
+from madrob_console.ui.panes.list_columns import MISSING, number_column, text_column
+from madrob_console.ui.panes.list_pane import LIST_KEYS, Load, RunsPane
 from scoring.indicator_table import IndicatorName
 from scoring.result import DOUBTED
 

@@ -13,9 +13,11 @@ from textual.message import Message
 from textual.widgets import Input
 
 from madrob_console.referee.team_list import NO_TEAMS, TeamList
+from madrob_console.ui.cells.columns import Column
 from madrob_console.ui.cells.lines import Tone
-from madrob_console.ui.cells.table import Column, Table
-from madrob_console.ui.panes.runs_pane import ListPane, number_column, text_column
+from madrob_console.ui.cells.table import Table
+from madrob_console.ui.panes.list_columns import number_column, text_column
+from madrob_console.ui.panes.list_pane import ListPane
 
 KEYS = "a part of the name, or the number; Enter takes the marked row, Escape none"
 

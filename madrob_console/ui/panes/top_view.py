@@ -10,7 +10,8 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from madrob_console.referee.topic_health import Freshness
-from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, View, joined, line
+from madrob_console.ui.cells.axes import joined
+from madrob_console.ui.cells.lines import Line, Lines, Span, Tone, View, line
 from madrob_console.ui.cells.plot import HIGH, WIDE, put_dot
 from scoring.protocol import Condition, Side, StartPose, Step
 
@@ -173,8 +174,6 @@ class _Sheet:
             self.put(row, column + (1 if eighth in (1, 3) else -1), Span("o", Tone.STRONG))
         self.put(row, column, Span(_ARROWS[eighth], Tone.STRONG))
 
-
-# The live door.
 
 _REACH = 1.2
 """How far the live drawing reaches on each side of the wall, m: the open panel is inside."""

@@ -35,7 +35,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.flags import other_remarks
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
-from madrob_console.ui.panes.run_status import banner
+from madrob_console.ui.panes.notices import banner
 from scoring.protocol import EventName, Outcome, Step
 from tests.madrob_console.engine.drive import FaultyDrive, document, make_setup, signed
 from tests.madrob_console.engine.spoilt import HANDLE, Fault

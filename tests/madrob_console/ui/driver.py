@@ -41,7 +41,7 @@ from madrob_console.ui.cells.table import Table
 from madrob_console.ui.frame.console_screen import ConsoleScreen
 from madrob_console.ui.keys.type_ahead import TypeAhead
 from madrob_console.ui.link import ConsoleDefaults, OpenClient
-from madrob_console.ui.panes.runs_pane import RunsPane
+from madrob_console.ui.panes.list_pane import RunsPane
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.run_folders import write
 from tests.madrob_console.ui.inline_engine import HandEngine

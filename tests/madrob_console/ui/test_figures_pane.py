@@ -17,10 +17,12 @@ from rich.cells import cell_len
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.curves import Curve, Curves
 from madrob_console.engine.snapshot import Snapshot
+from madrob_console.ui.cells.axes import Window
 from madrob_console.ui.cells.lines import Line
-from madrob_console.ui.cells.plot import TOP, Extreme, Frame, Mark, Plot, Window
-from madrob_console.ui.look.themes import to_ascii
-from madrob_console.ui.panes.figures_pane import FIGURES, FiguresPane, Sheet
+from madrob_console.ui.cells.plot import TOP, Extreme, Frame, Mark, Plot
+from madrob_console.ui.look.ascii_signs import to_ascii
+from madrob_console.ui.panes.figure_sheet import FIGURES, Sheet
+from madrob_console.ui.panes.figures_pane import FiguresPane
 from scoring.figure_table import Quantity
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import EventName, Outcome

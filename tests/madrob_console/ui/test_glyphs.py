@@ -18,6 +18,8 @@ import madrob_console.ui
 from madrob_console.common.names import terminal_safe
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.snapshot import Snapshot
+from madrob_console.ui.cells.axes import scale
+from madrob_console.ui.cells.columns import GAP, Column, lay_out
 from madrob_console.ui.cells.digits import digit_rows
 from madrob_console.ui.cells.lines import (
     Line,
@@ -27,13 +29,12 @@ from madrob_console.ui.cells.lines import (
     changed_cells,
     line,
     plain,
-    scale,
     width_of,
 )
-from madrob_console.ui.cells.table import GAP, Column, Table, lay_out
+from madrob_console.ui.cells.table import Table
 from madrob_console.ui.frame.frame_lines import tiny_lines
-from madrob_console.ui.look.themes import LIKENESS, to_ascii, uses_ascii
-from madrob_console.ui.panes.runs_pane import number_text
+from madrob_console.ui.look.ascii_signs import LIKENESS, to_ascii, uses_ascii
+from madrob_console.ui.panes.list_columns import number_text
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.ui.driver import (
     DEFAULTS,

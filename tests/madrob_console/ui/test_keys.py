@@ -36,14 +36,15 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.competition_plan import Plan, PlanLine, Task
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
-from madrob_console.ui.cells.lines import Choice, Lines, Target
+from madrob_console.ui.cells.controls import Choice
+from madrob_console.ui.cells.lines import Lines, Target
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.keys.key_table import KEYS, MENU
 from madrob_console.ui.keys.questions import NO_REASON
 from madrob_console.ui.look.words import cut_inside, wrapped
+from madrob_console.ui.panes.check_list import CheckList
 from madrob_console.ui.panes.help_pane import HelpText
-from madrob_console.ui.panes.runs_pane import HistoryPane
-from madrob_console.ui.panes.setup_pane import CheckList
+from madrob_console.ui.panes.history_pane import HistoryPane
 from scoring.protocol import Side, Signal, Step
 from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import (

@@ -34,7 +34,8 @@ from madrob_console.ui.cells.lines import Line, Tone, plain, width_of
 from madrob_console.ui.look.words import ROUGH
 from madrob_console.ui.panes.gauges import SPAN, DoorGauge, HandleGauge, strip_chart
 from madrob_console.ui.panes.live_pane import Provisional
-from madrob_console.ui.panes.run_status import EvidenceLine, clock_span, step_lines
+from madrob_console.ui.panes.notices import EvidenceLine
+from madrob_console.ui.panes.run_status import clock_span, step_lines
 from madrob_console.ui.wall import run_page
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling, StepRecord

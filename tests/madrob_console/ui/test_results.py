@@ -33,15 +33,10 @@ from madrob_console.referee.run_summary import RunSummary
 from madrob_console.referee.team_list import TeamList
 from madrob_console.ui.cells.lines import Tone, plain
 from madrob_console.ui.look.words import export_text
-from madrob_console.ui.panes.result_pane import (
-    IndicatorTable,
-    ResultDetails,
-    ResultHead,
-    ResultsPane,
-    compared,
-)
-from madrob_console.ui.panes.runs_pane import HistoryPane, about, columns
-from madrob_console.ui.panes.runs_pane import summary as head_line
+from madrob_console.ui.panes.history_pane import HistoryPane, about, columns
+from madrob_console.ui.panes.history_pane import summary as head_line
+from madrob_console.ui.panes.result_details import IndicatorTable, ResultDetails, compared
+from madrob_console.ui.panes.result_pane import ResultHead, ResultsPane
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome, Step
 from scoring.result import Indicator, Uncertainty

@@ -28,13 +28,10 @@ from madrob_console.engine.requests import GiveFrames
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.referee.topic_health import Freshness
 from madrob_console.ui.cells.lines import plain
-from madrob_console.ui.frame.frame_lines import (
-    KeyLine,
-    playback_line,
-    tiny_lines,
-)
+from madrob_console.ui.frame.frame_lines import playback_line, tiny_lines
+from madrob_console.ui.frame.key_line import KeyLine
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
-from madrob_console.ui.look.themes import to_ascii
+from madrob_console.ui.look.ascii_signs import to_ascii
 from madrob_console.ui.panes.result_pane import ResultHead
 from madrob_console.ui.panes.top_view import doorway, top_view
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose, Step
