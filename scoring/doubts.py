@@ -484,7 +484,7 @@ def _newcomers(g: Grounds) -> Iterator[Doubt]:
 
 
 def _computed_of(signal: Signal, settled: Container[EdgeKind] = ()) -> tuple[Name, ...]:
-    """What is computed of a signal, but by edges of kinds that are settled."""
+    """The indicators of a signal, except those whose edges are already settled."""
     kinds = [kind for kind in EdgeKind if signal in kind.signals and kind not in settled]
     names = {Signal.DOOR: _MOTION, Signal.HANDLE: _FORCE[-1:]}.get(signal, ())
     return (*names, *(name for kind in kinds for name in kind.indicators))

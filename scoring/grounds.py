@@ -39,7 +39,7 @@ class Grounds:
         start_uncertainty: of a start by hand, s.
         completed: whether the run ended as completed.
         presences: for each used sensor, from when to when something was under it.
-        doubted: words that cast doubt on a signal, from whoever read it.
+        doubted: words that cast doubt on a signal, from the reader of the recording.
         door, joint, force_time, force: over the whole recording.
         impossible_angles: times of impossible door angles, shape (m,).
         guessed: stamps and angles, shape (n, 2), of passage samples that were masked before the

@@ -1,4 +1,4 @@
-"""What computes results beside this code: its versions decide the last digits (section 11)."""
+"""The libraries that compute results: their versions decide the last digits (section 11)."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ FEWEST_SAMPLES = 10
 STEADY_FORCE = 0.1
 """A standard deviation up to this is steady on any testbed, N."""
 STEADY_FACTOR = 3.0
-"""So is one up to this many times that of the quiet handle."""
+"""A deviation up to this many times that of the quiet handle is steady, too."""
 LOOK_BACK = 30.0
 """How long before the start a quiet stretch may begin, s."""
 _STEP = 0.1

@@ -271,7 +271,7 @@ def distinguishable(
     """Whether two values differ by more than what is known of their uncertainties (section 11).
 
     They do not where their expanded uncertainties overlap, nor where the rests that they contain
-    differ by as much. Where none is known of one of them, or neither has any, nothing says so.
+    differ by as much. Where one is unknown, or neither has any, they count as different.
 
     Args:
         value: one of the two, or a mean of values.

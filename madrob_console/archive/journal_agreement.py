@@ -49,7 +49,7 @@ def was_changed(data: bytes, folder: Path) -> bool:
 
     The journal's line follows the file, and a kill can come between. So a result of more lines
     than the last one noted waits for its line. A journal of an earlier version has no digests,
-    and one that cannot be used says nothing here.
+    and an unusable one counts as none.
     """
     if is_noted(data, folder):
         return False

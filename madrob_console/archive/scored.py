@@ -169,7 +169,7 @@ def score_recording(path: Path, rules: Sequence[RulesetName | None] = (None,)) -
 
 
 def score_with_series(path: Path, rules: RulesetName | None) -> tuple[Scored, WholeSeries]:
-    """As `score_recording`, with all that its sensors said."""
+    """As `score_recording`, with the samples of all sensors."""
     with _naming(path):
         recorded = read_recorded_run(path)
         run = recorded.run

@@ -127,7 +127,7 @@ WHOSE = (
     _text("testbed", "name of the testbed; empty: it had none", "run.label.testbed"),
     _text("competition", "its name; empty: none was set", "run.label.competition"),
 )
-"""In every table: whose run it is, and which."""
+"""Columns of every table: the team and the run."""
 
 _TASK = (
     _text("benchmark_type", "how the door is braked", "run.condition.benchmark_type"),

@@ -46,7 +46,7 @@ def runs_of(arguments: argparse.Namespace) -> list[RunPath]:
 
 
 class Tried(NamedTuple, Generic[_Done]):
-    """What came of the work on a run: what was done, or why not, in words."""
+    """The result of the work on a run, or the reason of its failure."""
 
     done: _Done | None = None
     problem: str = ""

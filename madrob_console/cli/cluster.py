@@ -43,7 +43,7 @@ class WrongVersion(NamedTuple):
 
 
 def versions() -> tuple[str, ...]:
-    """Of the software and of what it computes with."""
+    """Versions of the software and of its libraries."""
     from madrob_console.common.version import software_version
     from scoring.libraries import libraries_here
 

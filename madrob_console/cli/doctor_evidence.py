@@ -91,7 +91,7 @@ def _comes(topics: Sequence[EvidenceTopic]) -> bool:
 
 
 def _missing_evidence(seen: EvidenceIntakes) -> Iterator[str]:
-    """What is not there of what is wanted."""
+    """Wanted topics that nobody publishes, and topics beyond the limit."""
     if seen.unseen:
         within = f"not seen within {PATIENCE:g} s: start what does, or correct the patterns"
         yield f"nobody publishes {', '.join(seen.unseen)}, {within}"

@@ -249,7 +249,7 @@ def _proposals(
 
 
 def _names(joints: Intake, types: MessageTypes) -> list[str]:
-    """Of the joints, from the first message that comes."""
+    """Names of the joints, from the first message."""
     ends = time.monotonic() + _OVERHEARS
     with closing(joints), suppress(MessageError):
         while time.monotonic() < ends:

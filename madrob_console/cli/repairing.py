@@ -1,4 +1,4 @@
-"""What a power cut left half done in a results folder: results, reports and evidence."""
+"""Completes results, reports and evidence of a results folder after a power cut."""
 
 from __future__ import annotations
 

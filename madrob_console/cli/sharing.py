@@ -41,11 +41,11 @@ class Workers(Protocol[_Item_contra, _Done_co]):
     def hand_out(self, item: _Item_contra) -> object: ...
 
     def wait(self, handles: Sequence[Any]) -> Iterable[object]:
-        """Those that are done, at least one, or none after a while."""
+        """Wait for finished items: at least one, or none after a timeout."""
         ...
 
     def answer(self, handle: Any) -> _Done_co:  # noqa: ANN401  its own
-        """What came of an item; raises `DeadWorkerError`, `AgainError`."""
+        """The result of an item; raises `DeadWorkerError`, `AgainError`."""
         ...
 
     def cancel(self, handles: Sequence[Any]) -> None:

@@ -395,7 +395,7 @@ class Snapshot:
 
     @property
     def notice(self) -> str | None:
-        """That another screen may act, which is no fault; None where that is so on purpose."""
+        """Says that another screen may act, no fault; None for a screen that only watches."""
         silent = self.right.only_watches or self.pulse.gone  # then there is no right to take
         return None if silent else self.right.refusal
 

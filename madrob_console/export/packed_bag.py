@@ -93,7 +93,7 @@ def size_of(run: Path, bag: PackedBag) -> tuple[int, int]:
 
 
 def evidence_left_out(bags: Mapping[Path, PackedBag], parts: BagParts) -> list[str]:
-    """What is missing by somebody's will, in words."""
+    """The files that were left out on purpose, in words."""
     words = [] if parts.recording else ["the recording was left out on demand"]
     if parts != WHOLE_BAGS and any(bag.has_evidence for bag in bags.values()):
         words.append("the evidence was left out on demand")

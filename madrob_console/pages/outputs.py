@@ -47,7 +47,7 @@ def _tally_lines(tally: Tally) -> Iterator[str]:
 
 
 def _means(tally: Tally) -> Iterator[tuple[str, bool, list[str]]]:
-    """Of each indicator the mean, whether it is known, and lines below it."""
+    """For each indicator its mean, whether there is one, and the lines below it."""
     for name in IndicatorName:
         aggregate = tally.aggregates.get(name)
         doubts, signs = tally.doubts.get(name, 0), tally.signs(name)

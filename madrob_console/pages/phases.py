@@ -43,7 +43,7 @@ class _Column:
 
 
 def phases(scored: Scored, place: PagePlace) -> dict[str, object]:
-    """What the report tells of it; without `columns` nothing is told."""
+    """The phases as the report shows them; without `columns` it shows none."""
     result = scored.result
     done = {step.step: step.final for step in result.steps if step.final is not None}
     own = _Column("this run", phases_of(done, result.start, result.stop))

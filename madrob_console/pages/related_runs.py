@@ -38,7 +38,7 @@ _MADE_OF = re.compile('<meta name="(journal|team)" content="([^"]*)">')
 def made_of(head: str) -> dict[str, str]:
     """What a page says in its `head` that it was made of.
 
-    `journal`: its lines and digest. `team`: digest of what is told of the team's other runs.
+    `journal`: its lines and digest. `team`: digest of the lines about the team's other runs.
     """
     return dict(_MADE_OF.findall(head))
 

@@ -67,7 +67,7 @@ class Aggregate:
 
     @classmethod
     def of_means(cls, parts: Sequence[Aggregate]) -> Aggregate:
-        """Over different conditions, whose scatter says nothing of how well a mean is known."""
+        """Over different conditions; their scatter is no part of the mean's uncertainty."""
         means = [part.mean for part in parts]
         spread = Uncertainty.of_mean([part.uncertainty for part in parts])
         median, mean = float(statistics.median(means)), statistics.fmean(means)

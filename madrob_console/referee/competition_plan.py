@@ -376,7 +376,7 @@ _FIRST_YEAR = 1970
 
 
 def _folds(planned: str) -> float:
-    """By how much a time with a date comes again, s; negative = that day skips it."""
+    """After how many s a clock time comes again on its day; negative = the day skips it."""
     if " " not in planned:
         return 0.0
     moment = datetime.fromisoformat(planned)

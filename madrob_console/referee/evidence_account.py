@@ -107,7 +107,7 @@ class EvidenceAccount:
         problems: what was wrong with all of it, in words.
         unwritten: how many of the messages were not in the file yet; null = nobody knows, their
             process was ended; 0 = all are there.
-        gaps: when nothing was recorded; what came then is counted nowhere.
+        gaps: times without a recording; messages of these times are not counted.
         file_bytes: size of the files, where nobody has told what the topics have of it.
     """
 

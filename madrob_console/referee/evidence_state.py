@@ -131,7 +131,7 @@ class EvidenceState:
         return None if last is None or last.end is not None else last
 
     def trouble(self, start: float | None) -> str | None:
-        """What is wrong with all of it, in words; `start` of the run is in s since the epoch."""
+        """Faults of the whole recording, in words; `start` of the run is in s since the epoch."""
         if self.gap is None:
             return self.problem or self.stuck or None
         since = "" if start is None else f" since {self.gap.since(start).begin:+.1f} s"

@@ -141,7 +141,7 @@ class FlagKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Flag:
-    """One thing that whoever reads a result has to know at once.
+    """One thing that every reader of a result has to know at once.
 
     Attributes:
         kind: what it is about.

@@ -138,7 +138,7 @@ class Journal:
         self._take(path, _FLAGS | os.O_CREAT | os.O_EXCL)
 
     def reopen(self, path: Path) -> None:
-        """Goes on in the file of an earlier run; a torn last line stays by itself.
+        """Append to the file of an earlier run; a torn last line is kept as a line.
 
         Raises:
             BlockingIOError: another program writes it.

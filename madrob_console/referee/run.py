@@ -188,7 +188,7 @@ class Run:
     def ending(self) -> Ending:
         """How the run ended; an interrupted one has no stop.
 
-        The time of the machine's failure says nothing about the robot.
+        A time at which the machine failed is no property of the robot.
         """
         if self.outcome is None:
             return Ending(Outcome.INTERRUPTED, "no stop is recorded: the run was cut off", None)

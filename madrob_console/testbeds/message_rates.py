@@ -35,7 +35,7 @@ class SilenceWatch:
     def __init__(self, *, named: bool = False) -> None:
         self._named = named
         self._listens: int | None = None
-        self._first: int | None = None  # of what came without a silence
+        self._first: int | None = None  # message since the last silence
         self._last = 0
         self._steady = False
 

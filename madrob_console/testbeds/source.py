@@ -60,7 +60,7 @@ class Source(ABC):
 
     @abstractmethod
     def topics(self) -> Sequence[Topic]:
-        """Those that it has messages of."""
+        """The topics of its messages."""
 
     @abstractmethod
     def status(self) -> Sequence[TopicStatus]:

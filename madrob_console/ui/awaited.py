@@ -1,4 +1,4 @@
-"""What was asked of the engine and is not answered yet, and what is said meanwhile."""
+"""Requests to the engine without an answer yet, and the words shown meanwhile."""
 
 from __future__ import annotations
 

@@ -218,7 +218,7 @@ class CurrentRun:
     # ------------------------------------------------------------------ what becomes of it
 
     def advance(self, now: Now) -> None:
-        """What sensors and clock say of it by now."""
+        """Advance the run by sensors and clock."""
         self.change(*self._observation.advance(self.run, now.time, now.judged), now)
 
     def change(self, run: Run, happened: Sequence[Happening], now: Now) -> None:
@@ -326,7 +326,7 @@ class CurrentRun:
         self.score(now)
 
     def _note_account(self, account: EvidenceAccount, now: Now) -> None:
-        """Note what was recorded of the evidence: its file gets complete by itself."""
+        """Note the evidence that was recorded; its process completes the file."""
         self.run = replace(self.run, evidence=account)
         self.write(account_entry(account, now.time))
 

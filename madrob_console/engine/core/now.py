@@ -72,7 +72,7 @@ class WorkerState:
         recorder_silent: how long the disk has taken nothing of the recording, s.
         dropped: messages that are not in the recording, by topic.
         scoring: why a result is missing or late, in words; empty = all is well.
-        hopeless: several tries to score failed: what comes next need not wait for the result.
+        hopeless: several tries to score failed: the next run need not wait for the result.
         evidence: None = none is wanted, or there can be none.
     """
 

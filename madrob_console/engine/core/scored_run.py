@@ -1,4 +1,4 @@
-"""What scoring is asked for, and what comes back, as the engine holds it."""
+"""Requests to score a run, and their results, as the engine holds them."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class RecentReadings:
         extents.append(Extent(time, min(before.low, value), max(before.high, value)))
 
     def stretches(self, now: float, gap: float) -> Recent:
-        """In parts between which nothing came for longer than `gap`, s."""
+        """Split where no message arrived for longer than `gap`, s."""
         parts: list[list[Extent]] = []
         for extent in self._extents:
             if parts and extent.time - parts[-1][-1].time <= gap:

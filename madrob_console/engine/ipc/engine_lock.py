@@ -29,7 +29,7 @@ _LARGEST_NOTE = 10_000
 
 
 class HeldError(MadrobError):
-    """Another engine has what this one needs; `same`: it is that of the same testbed."""
+    """Another engine holds a lock that this one needs; `same`: it serves the same testbed."""
 
     def __init__(self, words: str, *, same: bool) -> None:
         super().__init__(words)
@@ -73,7 +73,7 @@ def owned_by(kind: SourceKind, *what: object, results: Path | None) -> Owned:
 
 
 class Holder(msgspec.Struct, frozen=True):
-    """What a lock's file says of the engine that holds it; `since` in s since the epoch."""
+    """The content of a lock file: the engine that holds it; `since` in s since the epoch."""
 
     pid: int = 0
     since: float = 0.0

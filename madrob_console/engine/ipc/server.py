@@ -165,7 +165,7 @@ class EngineServer:
         self._showing = [self._loop.create_task(self._troubles.lasting(work)) for work in works]
 
     def dismiss_screens(self) -> None:
-        """Let all screens go: the engine ends, and says so to whoever asks."""
+        """Disconnect all screens: the engine ends, and tells new clients that it does."""
         self._loop.call_soon_threadsafe(self._dismiss)
 
     def _dismiss(self) -> None:
@@ -395,7 +395,7 @@ class EngineServer:
             screen.send(reply)
 
     def _no_right(self, screen: _Screen, request: Request[Any]) -> str | None:
-        """Why a screen may not act; the right goes to who asks for it, or first when it is free."""
+        """Why a screen may not act; a free right to act goes to the first that asks."""
         if not isinstance(request, Command):
             return None
         if screen.role is Role.WATCH:

@@ -258,7 +258,7 @@ class LocalEngine:
         def read() -> None:
             engine.read_run(self.results / folder, deadline).add_done_callback(show)
 
-        # a bag takes long: listings go on, and so does whoever asks a scorer of this process
+        # reading a bag takes long: a thread of its own keeps listings and scoring going
         threading.Thread(target=read, name="opening", daemon=True).start()
         return answer
 

@@ -159,7 +159,7 @@ class EvidenceFile:
 
 
 def stuck_words(unsynced: float, queued: int) -> str:
-    """That the disk takes nothing, `unsynced` s; `queued` bytes wait. Empty = it takes all."""
+    """Warns that the disk has refused data for `unsynced` s, `queued` bytes wait; else empty."""
     waits = f", {format_size(queued)} wait in memory" if queued else ""
     stuck = f"the disk has taken nothing for {unsynced:.0f} s{waits}"
     return stuck if unsynced > STUCK_AFTER else ""

@@ -140,11 +140,11 @@ class EvidenceProcess(Worker, EvidenceClient):
 
 
 def live_state(report: EvidenceState | None, silent: float, trouble: str = "") -> EvidenceState:
-    """What comes now: by the last `report`, `silent` s old, or why there is no process."""
+    """The current state: the last `report`, `silent` s old, or why there is no process."""
     if trouble:
         return EvidenceState(problem=f"the evidence process is started again: {trouble}")
     if report is None:
         return EvidenceState()
-    if silent > QUIET:  # what came then says nothing of what comes now
+    if silent > QUIET:  # the last report is too old
         return EvidenceState(problem=f"the evidence process is silent for {silent:.0f} s")
     return report

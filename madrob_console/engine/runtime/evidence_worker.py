@@ -137,7 +137,7 @@ class EvidenceServer:
             return
         self._files = [file for file in self._files if not file.finished]
         room = QUEUE_BYTES - sum(file.stats.queued_bytes for file in self._files)
-        self._take_messages()  # what came before the recording is none of it
+        self._take_messages()  # drop messages from before the recording
         self._recording = EvidenceFile(order, max(room, LEAST_QUEUE_BYTES), held=held)
         self._files.append(self._recording)
         for history in self._intakes.begin_recording():

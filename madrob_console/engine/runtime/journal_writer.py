@@ -168,7 +168,7 @@ class JournalWriter:
 
     @property
     def folder(self) -> OpenFolder:
-        """Of the current run, which has begun."""
+        """The folder of the current run, which has begun."""
         assert self._file is not None
         return self._file.folder
 

@@ -1,4 +1,4 @@
-"""Carries out the effects of the core; what comes of them waits as inputs for it."""
+"""Carries out the effects of the core; their outcomes are queued as inputs for it."""
 
 from __future__ import annotations
 

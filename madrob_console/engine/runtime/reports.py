@@ -120,7 +120,7 @@ class ChoreWorker(Worker):
         self.held = False
 
     def hold(self, *, held: bool) -> None:
-        """End what goes on now, and begin nothing until it is released."""
+        """End the current chore, and begin no other one until `held` is false."""
         if held != self.held:
             self.held = held
             self.ring()
@@ -142,7 +142,7 @@ class ChoreWorker(Worker):
 
 @dataclass(frozen=True, slots=True)
 class WantedPages:
-    """What is made by itself.
+    """Pages that are made without a command.
 
     Attributes:
         reports: whether a run's report is made after each of its results.
@@ -288,7 +288,7 @@ class Reporting:
         return not left
 
     def finish(self) -> None:
-        """Ignore runs from now on, and wait for `CLOSING_TIME`; the rest goes on by itself."""
+        """Ignore further runs, wait for `CLOSING_TIME`; the workers finish alone."""
         for worker in self.workers:
             worker.finish_alone()
         self.wait(CLOSING_TIME)

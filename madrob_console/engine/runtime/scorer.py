@@ -95,7 +95,7 @@ class Scorer:
 
     @property
     def hopeless(self) -> bool:
-        """Whether several tries failed: what comes next need not wait for the result."""
+        """Whether several tries failed: the next run need not wait for the result."""
         return False
 
     def warm(self) -> None:

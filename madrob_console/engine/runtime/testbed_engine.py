@@ -56,7 +56,7 @@ from madrob_console.testbeds.source import Source
 from recorder.bag import RawMessage
 
 CLOSING_TIME = 30.0
-"""At the engine's end, the wait for a disk that does not answer, s."""
+"""Timeout for a disk that does not answer when the engine ends, s."""
 
 STEP = 0.02
 """Wait for messages while an act waits for the disk, s."""
@@ -306,7 +306,7 @@ class Engine:
             self._feed(inputs.popleft())
 
     def _moment(self, *, looks: bool = True) -> Now:
-        """Of now; `looks`: the disk is looked at, if that was long ago."""
+        """The current state; with `looks` the disk is checked if the last check is old."""
         now = self.now()
         # a program that is held up makes no topic silent
         taken = now if self._looked is None or self.replay is not None else self._looked

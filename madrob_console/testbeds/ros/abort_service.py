@@ -92,7 +92,7 @@ class AbortService:
             return self._service.handle.service_take_request(self._request)[1]
 
     def _answer(self, answer: CallAnswer) -> None:
-        """What was done is told first. Of too many refusals the last are not sent."""
+        """Queue the answers: successes first, and refusals only as long as there is room."""
         owed = [(caller, answer) for caller in self._callers]
         self._callers, self._under_way = [], None
         if answer.success:

@@ -50,7 +50,7 @@ _TAKE_BYTES = 8_000_000
 
 @dataclass(slots=True)
 class TakenEvidence:
-    """What one take of a topic has brought; `left_out` counts those over the rate limit."""
+    """The messages of one take of a topic; `left_out` counts those over the rate limit."""
 
     topic: Topic
     messages: list[RawMessage] = field(default_factory=list)

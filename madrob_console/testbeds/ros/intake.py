@@ -71,7 +71,7 @@ class Intake:
 
     It subscribes when the first publisher appears, with the quality of service that all publishers
     offer: what they keep for late joiners comes, too. Without a `type_name` the topic has the type
-    of the publisher that is found first. `remedy` is told of another one. A change of `depth`
+    of the publisher that is found first. `remedy` is for another one. A change of `depth`
     takes effect at the next discovery. After `close` a discovery subscribes again. One thread; any
     may read.
 

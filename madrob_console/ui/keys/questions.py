@@ -130,7 +130,7 @@ class Ask:
 
 
 NO_REASON = "no reason given"
-"""What is recorded unless the referee chooses a reason: it claims nothing that nobody saw."""
+"""The reason unless the referee chooses another; it makes no claim about the robot."""
 
 
 def reasons(*texts: str) -> tuple[Option, ...]:

@@ -13,7 +13,7 @@ LONGEST_PASTE = 10_000
 """Characters of a paste that count; no field takes more."""
 
 MOST_KEYS = 200
-"""Keys that may wait; of what comes beyond, only F8 and Escape count."""
+"""Keys that may wait; when so many wait, only F8 and Escape are accepted."""
 
 PAUSE = 0.02
 """Keys that come without such a pause are no typing, s."""

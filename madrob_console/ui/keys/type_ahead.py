@@ -12,7 +12,7 @@ UNSEEN = 0.3
 """Keys within this time after a change were typed before the change could be seen, s."""
 
 MISTYPED = 0.5
-"""After a letter that answers nothing: what comes without such a pause is the rest of a text, s."""
+"""After a letter that is no answer, keys without such a pause are the rest of a text, s."""
 
 QUIET = 2.0
 """The same after a key whose question did not come, s."""

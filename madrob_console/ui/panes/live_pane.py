@@ -75,7 +75,7 @@ _NAMES = {
     "passage_time": "passage",
 }
 _SETTLED = "time_to_handle"
-"""It is known with the touch; the others follow the last crossing and the last closing."""
+"""Final at the touch; the others change until the last crossing and the last closing."""
 
 
 class Provisional(View):

@@ -137,7 +137,7 @@ def _next(snapshot: Snapshot, *, silent: bool) -> str:
 
 
 class EvidenceLine(View):
-    """What is wrong with all of it, how long there is room, the worst topic, what comes."""
+    """Problems of the evidence recording, the room left, the worst topic, the rates."""
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if (evidence := snapshot.evidence) is None:

@@ -207,7 +207,7 @@ class PlanReader:
         return old
 
     async def read(self) -> None:
-        """Asks; an answer that a change has overtaken counts only where nothing else is known."""
+        """Ask the engine. A change makes the answer stale; it is used only if there is no other."""
         asked_state, progress, problem = self._newest_state, self.progress, ""
         try:
             progress = await self._link.answer(GivePlan())

@@ -207,7 +207,7 @@ def _protest(protest: Protest, run: Run) -> str:
 
 
 def recorded_lines(result: Result, run: Run, width: int) -> Iterator[Line]:
-    """What is odd about the data; what was recorded beside them."""
+    """Remarks on the data, and the evidence recorded beside them."""
     for text in other_remarks(run, result.quality):
         yield from paragraph(text, width, Tone.WARN)
     if (evidence := run.evidence) is None:

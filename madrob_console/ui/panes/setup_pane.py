@@ -321,7 +321,7 @@ OPEN = (Phase.IDLE, Phase.READY)
 def state_words(
     now: Snapshot, setup: RunSetup | str, plan: PlanProgress, problem: str
 ) -> tuple[str, Tone]:
-    """What becomes of the fields, which say `setup` or what is wrong with them."""
+    """A line under the fields: whether the set-up in them counts, or the errors in them."""
     run = now.run
     if (refused := now.refusal(SetUp.name)) is not None:
         what = "be set up here" if now.right.only_watches else "be set up now"
