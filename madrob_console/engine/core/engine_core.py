@@ -80,7 +80,6 @@ class Core:
     def __init__(
         self, config: EngineConfig, types: MessageTypes, recorded: ReplayedRun | None = None
     ) -> None:
-        self._recorded = recorded
         self._effects: list[Effect] = []
         self._watched = self._retried = 0.0
         self._holds_evidence = False
