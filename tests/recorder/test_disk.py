@@ -152,21 +152,22 @@ def test_what_a_dead_writer_left_of_the_metadata_goes_and_a_live_one_s_stays(fol
     }
 
 
-@pytest.mark.parametrize("there", [False, True])
-def test_a_recording_that_is_started_waits_for_its_file_and_says_if_there_is_none(
-    folder: Path, there: bool
-) -> None:
-    if there:
-        folder.mkdir()
+def test_what_comes_before_the_file_is_there_is_written_to_it(folder: Path) -> None:
     writer = BagWriter(folder, [], {})
     writer.start(niceness=19)
     assert writer.add_topic(talk())
     assert writer.put_all(MESSAGES) == len(MESSAGES)
     stats = writer.close()
-    if not there:
-        assert (stats.state, stats.written) == (RecorderState.FINISHED, len(MESSAGES))
-        assert list(Bag(folder).messages()) == MESSAGES
-        return
+    assert (stats.state, stats.written) == (RecorderState.FINISHED, len(MESSAGES))
+    assert list(Bag(folder).messages()) == MESSAGES
+
+
+def test_a_folder_that_is_there_is_a_failure_and_what_comes_is_counted(folder: Path) -> None:
+    folder.mkdir()
+    writer = BagWriter(folder, [talk()], {})
+    writer.start(niceness=19)
+    writer.put_all(MESSAGES)
+    stats = writer.close()
     assert stats.state is RecorderState.FAILED
     assert "exists already" in (stats.error or "")
     assert stats.drop_reasons == {DropReason.FAILED: len(MESSAGES)}
