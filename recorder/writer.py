@@ -101,8 +101,7 @@ class BagWriter:
         """
         if self._state is not RecorderState.CLOSED or self._closing:
             raise RecorderError(f"{self.folder} was recorded or closed before; make a new recorder")
-        for topic in self._first_topics:
-            self._check(topic)
+        self._register_first_topics()
         bag = BagFolder(self._place, self._topics.values(), self._records)
         self._file_bytes = bag.file.size
         self._synced = self._clock()
@@ -125,6 +124,7 @@ class BagWriter:
         Messages wait in memory until the file is there. If it cannot be made, they are dropped and
         `stats` has the error.
         """
+        self._register_first_topics()
         target = partial(self._open_and_run, niceness)
         self._state = RecorderState.RECORDING
         self._thread = threading.Thread(target=target, name="recorder", daemon=True)
@@ -263,13 +263,14 @@ class BagWriter:
 
     # Opening.
 
-    def _check(self, topic: Topic) -> None:
-        problem = topic_problem(topic)
-        first_topic = self._topics.setdefault(topic.name, topic)
-        if first_topic.type != topic.type:
-            problem = f"{topic.name} is both {first_topic.type} and {topic.type}"
-        if problem is not None:
-            raise RecorderError(f"{problem}; correct the topic's configuration")
+    def _register_first_topics(self) -> None:
+        for topic in self._first_topics:
+            problem = topic_problem(topic)
+            first_topic = self._topics.setdefault(topic.name, topic)
+            if first_topic.type != topic.type:
+                problem = f"{topic.name} is both {first_topic.type} and {topic.type}"
+            if problem is not None:
+                raise RecorderError(f"{problem}; correct the topic's configuration")
 
     # The writer thread.
 
