@@ -239,12 +239,8 @@ class Acting:
     def take_written(self, written: LineWritten, now: Now) -> None:
         """Carry out the act whose line is on disk, if it is still possible."""
         pending = self._pending
-        if pending is None or pending.entry.id != written.id:
-            return
-        if written.problem is None:
-            state = self._current.state
-            state.lines = state.lines.with_line(pending.entry, pending.place)
-        self._decide(pending, written.problem, now)
+        if pending is not None and pending.entry.id == written.id:
+            self._decide(pending, written.problem, now)
 
     def take_recording(self, opened: RecordingOpened, now: Now) -> None:
         """Begin the run whose files are open, if that is still possible."""
@@ -272,10 +268,10 @@ class Acting:
 
     def _take_effect(self, pending: _Pending, now: Now) -> None:
         act, current = pending.request.act, self._current
+        state = current.state
+        state.lines = state.lines.with_line(pending.entry, pending.place)
         if pending.wait is _Wait.FILES:
-            state = current.state
             state.record, state.folder, state.recording = pending.record, pending.folder, True
-            state.lines = state.lines.with_line(pending.entry, pending.place)
             self._effects.append(KeepRecording())
         current.publish(pending.entry)
         if Consequence.COUNTDOWN in act.consequences:

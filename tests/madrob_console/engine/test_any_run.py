@@ -87,9 +87,22 @@ def act_of(hall: HeldDrive, number: int) -> Act:
     return TakeBack(last.kind, last.time, "a slip") if act is LAST and last is not None else act
 
 
-def do(hall: HeldDrive, scorer: HeldScorer, deed: Deed) -> tuple[Act, list[str | None]]:
-    """The act, and its answer once it is there."""
-    fsync, answers, act = os.fsync, list[str | None](), act_of(hall, deed.number)
+class Asked(NamedTuple):
+    """An act, its answer once it is there, and whether a run was going on."""
+
+    act: Act
+    answers: list[str | None]
+    active: bool
+
+    @property
+    def is_written(self) -> bool:
+        """An abort after the stop withdraws what waits: that is a line of its own."""
+        return self.answers == [None] and (self.active or not isinstance(self.act, Abort))
+
+
+def do(hall: HeldDrive, scorer: HeldScorer, deed: Deed) -> Asked:
+    fsync = os.fsync
+    asked = Asked(act_of(hall, deed.number), [], hall.engine.run.active)
 
     def refuse(file: int) -> None:
         if Path(f"/proc/self/fd/{file}").readlink().name == JOURNAL_FILE:
@@ -101,10 +114,10 @@ def do(hall: HeldDrive, scorer: HeldScorer, deed: Deed) -> tuple[Act, list[str |
             patched.setattr(os, "fsync", refuse)
         hall.disk.held = deed.fails == "the disk is silent"
         scorer.held = deed.fails == "the scorer"
-        hall.engine.submit(act, answers.append)
+        hall.engine.submit(asked.act, asked.answers.append)
         hall.pass_time(deed.lasts)
     hall.disk.come_back()
-    return act, answers
+    return asked
 
 
 @given(DEEDS)
@@ -119,7 +132,7 @@ def test_whatever_fails_journal_bag_result_and_screen_say_what_was_answered(
         hall.prepare(make_setup(countdown=1.0, timeout=2.0))
         hall.act(Start())
         begun = len(hall.lines())
-        answered = [do(hall, scorer, deed) for deed in deeds]
+        acts = [do(hall, scorer, deed) for deed in deeds]
         scorer.held = False
         hall.pass_time(2.5)
         over, phase = hall.engine.now(), hall.engine.run.phase
@@ -127,8 +140,8 @@ def test_whatever_fails_journal_bag_result_and_screen_say_what_was_answered(
             hall.act(Abort("the end"))
         hall.finish()
         hall.pass_time(2.5)
-        assert [len(answers) for _, answers in answered] == [1] * len(deeds)
-        done = [act for act, answers in answered if answers == [None]]
+        assert [len(asked.answers) for asked in acts] == [1] * len(deeds)
+        done = [asked.act for asked in acts if asked.is_written]
         done += [Abort("the end")] * (phase in (Phase.COUNTDOWN, Phase.RUNNING))
         lines, run = hall.lines(), hall.engine.run
         written = [line.what for line in lines[begun:] if line.what in ACT_CALLED]
@@ -143,3 +156,19 @@ def test_whatever_fails_journal_bag_result_and_screen_say_what_was_answered(
         assert hall.engine.snapshot().result == score_opened(hall.folder).result
         assert hall.engine.snapshot().all_faults == ()
         hall.engine.close()
+
+
+def test_an_act_that_the_disk_takes_as_the_run_ends_counts_in_no_result(tmp_path: Path) -> None:
+    hall, answers = HeldDrive(tmp_path, HeldScorer()), list[str | None]()
+    hall.prepare(make_setup(countdown=1.0))
+    hall.act(Start())
+    hall.disk.held = True
+    hall.engine.submit(RestartCountdown("not ready"), answers.append)
+    hall.pass_time(0.7)
+    hall.disk.come_back()
+    hall.engine.submit(Abort("enough"), answers.append)
+    hall.finish()
+    hall.pass_time(2.5)
+    assert answers == [None, "the run has stopped"]
+    assert check_run(RunPath(hall.folder)).differences == ()
+    hall.engine.close()
