@@ -20,6 +20,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.ipc.engine_interface import UnsureError
 from madrob_console.engine.ipc.greeting import Hello, Rejected, Stop, StopAnswer, Who, WhoAnswer
+from madrob_console.engine.playback import PlaybackCommand
 from madrob_console.engine.requests import Request
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ FromEngine = Welcome | Rejected | State | Reply | WhoAnswer | StopAnswer
 _T = TypeVar("_T")
 
 
-def _kinds(kind: type[Request[Any]] = Request) -> Iterator[type[Request[Any]]]:
+def _kinds(kind: type[Request[Any]]) -> Iterator[type[Request[Any]]]:
     under = kind.__subclasses__()
     if not under:
         yield kind
@@ -97,7 +98,7 @@ def _kinds(kind: type[Request[Any]] = Request) -> Iterator[type[Request[Any]]]:
         yield from _kinds(one)
 
 
-REQUESTS = tuple(_kinds())
+REQUESTS = tuple(dict.fromkeys([*_kinds(Request), *_kinds(PlaybackCommand)]))
 
 
 def _answer_type(kind: type[Request[Any]]) -> object:

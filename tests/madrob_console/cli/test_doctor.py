@@ -249,7 +249,7 @@ def test_without_ros_it_says_what_to_install_and_the_console_is_usable(tmp_path:
         from pathlib import Path
         sys.modules["rclpy"] = None  # as if it were not installed
         from madrob_console.cli.doctor import doctor, verdict
-        from madrob_console.cli.doctor_ros import line
+        from madrob_console.cli.finding import line
         from madrob_console.messages.codec import DEFAULT_MAPPINGS
         findings = list(doctor(DEFAULT_MAPPINGS, Path({str(tmp_path)!r}), disk_space=1))
         print(*map(line, findings), verdict(findings), sep="\\n")

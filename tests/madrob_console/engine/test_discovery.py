@@ -229,7 +229,7 @@ import sys
 from pathlib import Path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
-from madrob_console.engine.ipc.discovery import held
+from madrob_console.engine.ipc.ownership import held
 from madrob_console.engine.ipc.engine_lock import owned_by
 """
 HOLDS = """

@@ -25,7 +25,7 @@ from madrob_console.messages.codec import (
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, SILENT, info_text
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
-from madrob_console.testbeds.ros import RosSource, subscriptions
+from madrob_console.testbeds.ros import RosSource, intake
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class, load_module
 from madrob_console.testbeds.ros.door_parameters import door_parameters
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
@@ -607,7 +607,7 @@ def test_a_topic_on_which_ros_fails_is_named_and_ends_no_other(
                 raise RuntimeError("no such thing\nas a subscription")
             super().listen(qos, publishers)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(subscriptions, "QosSwitch", Failing)
+    monkeypatch.setattr(intake, "QosSwitch", Failing)
     here = listen("/hall/**")
     bad, good = (peer.publisher(f"/hall/{name}", BOOL) for name in ("bad", "good"))
     failed = "ROS fails (no such thing)"
