@@ -259,6 +259,12 @@ class MadrobApp(App[None], inherit_bindings=False):
             return self._console.pane in key.where and self.has_key(key)
         return super().check_action(action, parameters)
 
+    def action_command_palette(self) -> None:
+        from madrob_console.ui.keys.command_palette import ConsolePalette
+
+        if not isinstance(self.screen, ConsolePalette):
+            self.push_screen(ConsolePalette())
+
     async def action_press(self, name: str, pressed: str) -> None:
         key = KEYS[name]
         if isinstance(self.screen, SystemModalScreen) and not key.over:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import cast
 
-from textual.command import Hit, Hits, Provider
+from textual.await_complete import AwaitComplete
+from textual.command import CommandPalette, Hit, Hits, Provider
 from textual.content import Content
 
 from madrob_console.ui.keys.console_app import ConsoleApp
@@ -15,6 +16,16 @@ from scoring.protocol import Step
 
 _TEXT = 22
 """Cells of a command before what it means."""
+
+
+class ConsolePalette(CommandPalette):
+    """Textual's, but only the first click beside it closes a screen.
+
+    For each further click that is queued Textual closes the topmost screen, the console's too.
+    """
+
+    def dismiss(self, result: None = None) -> AwaitComplete:
+        return super().dismiss(result) if self.is_active else AwaitComplete()
 
 
 class ConsoleCommands(Provider):

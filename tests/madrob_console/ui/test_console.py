@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable, Coroutine
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from textual import events
 
 from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.common.errors import MadrobError
@@ -119,6 +121,20 @@ async def test_from_every_state_every_key_acts_asks_or_says_why_not(
             done = len(engine.acts) == len(acts) + 1 or packed
             assert done or "Refused" in driver.console.status
         await driver.press("f3")
+
+
+async def test_however_often_one_clicks_beside_the_palette_only_it_is_closed(
+    driver: Driver,
+) -> None:
+    await driver.press("ctrl+p")
+    palette = driver.app.screen
+    click = events.Click(palette, 58, 0, 0, 0, 1, False, False, False, 58, 0)
+    for _ in range(3):
+        palette.post_message(copy(click))
+    await driver.settle()
+    assert driver.app.screen is driver.console
+    await driver.press("f8")
+    assert driver.console.dialogs or "Refused" in driver.console.status
 
 
 @pytest.mark.parametrize("bell", [True, False])
