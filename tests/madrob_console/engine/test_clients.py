@@ -145,7 +145,7 @@ def test_every_request_is_carried_out(client: EngineClient) -> None:
             client.send_request(example)
 
 
-def test_what_a_screen_was_told_failed_does_not_happen_later(
+def test_a_request_that_a_screen_was_refused_never_happens_later(
     client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     held, go_on = threading.Event(), threading.Event()
