@@ -19,7 +19,7 @@ from tests.benchmarks.report import Figure
 from tests.benchmarks.swinging_door import SwingingDrive
 from tests.madrob_console.engine.drive import STEP, make_setup
 
-DURATIONS = {20: 0.4, 120: 0.6, 600: 1.2}
+DURATIONS = {20: 0.2, 120: 0.3, 600: 1.0}
 """s of a run, and the goal."""
 MOST = 3
 
