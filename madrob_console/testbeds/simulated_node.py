@@ -80,12 +80,12 @@ def serve_testbed(  # noqa: PLR0913  what is played where, and how
     connection = Connection(number, ros_args)
     try:
         node = DoorNode(connection, source, condition, say)
-        with _ended_by_signals(ended):
+        with _noting_signals() as signals:
             say(
                 f"simulated testbed {testbed.scenario} in ROS domain {number}: "
                 "waits for the referee; every run on it is practice"
             )
-            while not ended.is_set() and not (repeat and node.has_done(repeat)):
+            while not (signals or ended.is_set() or (repeat and node.has_done(repeat))):
                 connection.spin(_PERIOD)
                 node.publish()
         for topic, count in node.published.items():
@@ -239,15 +239,19 @@ def refusal(name: str, value: ParameterValue) -> str | None:
 
 
 @contextmanager
-def _ended_by_signals(ended: threading.Event) -> Iterator[None]:
-    """SIGINT and SIGTERM set `ended` instead of killing; in the main thread only."""
+def _noting_signals() -> Iterator[Sequence[int]]:
+    """SIGINT and SIGTERM are noted instead of killing; in the main thread only.
+
+    The handler takes no lock: a second signal comes while the first one is handled.
+    """
+    arrived: list[int] = []
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield arrived
         return
     signals = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(s, lambda *_: ended.set()) for s in signals]
+    before = [signal.signal(s, lambda number, _: arrived.append(number)) for s in signals]
     try:
-        yield
+        yield arrived
     finally:
         for number, handler in zip(signals, before, strict=True):
             signal.signal(number, handler)

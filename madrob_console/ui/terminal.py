@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from queue import SimpleQueue
 from types import FrameType
 from typing import TYPE_CHECKING, TextIO
 
@@ -110,22 +111,23 @@ def leaving_on_signals(app: MadrobApp) -> Iterator[None]:
         # a hang-up sends CONT, too, for which textual would set up the lost terminal again
         signal.signal(signal.SIGCONT, _ignore)
         app.exit(return_code=128 + number)
-        if not patience:
-            patience.append(threading.Timer(EXIT_PATIENCE, give_up, [number]))
-            patience[0].daemon = True
-            patience[0].start()
+        arrived.put(number)  # takes no lock: another signal comes while this one is handled
 
-    def give_up(number: int) -> None:
+    def give_up_later() -> None:
         # a terminal that takes nothing more holds up the loop, and with it the exit
-        app.close_link()
-        os._exit(128 + number)
+        number = arrived.get()
+        if number is not None and not left.wait(EXIT_PATIENCE):
+            app.close_link()
+            os._exit(128 + number)
 
-    patience: list[threading.Timer] = []
+    arrived: SimpleQueue[int | None] = SimpleQueue()
+    left = threading.Event()
+    threading.Thread(target=give_up_later, daemon=True).start()
     before = {number: signal.signal(number, leave) for number in _SIGNALS}
     try:
         yield
     finally:
-        for timer in patience:
-            timer.cancel()
+        left.set()
+        arrived.put(None)
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -34,7 +34,7 @@ from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_setup import RunSetup
 from tests.terminal import Terminal
-from tests.watching import Closing, Stutter, until, wait_gone
+from tests.watching import PATIENCE, Closing, Stutter, until, wait_gone
 
 ROOT = Path(__file__).parents[2]
 MADROB = [sys.executable, "-m", "madrob_console.cli.main"]
@@ -105,6 +105,11 @@ def madrob_beside(
             yield process
         finally:
             process.terminate()
+            try:
+                process.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise
 
 
 class WallClock:

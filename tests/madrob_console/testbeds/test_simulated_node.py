@@ -25,6 +25,7 @@ from recorder.bag import RawMessage
 from scoring.protocol import BenchmarkType, Condition, Side, Signal, StartPose
 from scoring.samples import HandleSample, Sample
 from tests.madrob_console import said
+from tests.madrob_console.engine_process import madrob_beside
 from tests.madrob_console.ros_peer import Peer, Taker, source
 from tests.watching import PATIENCE, until
 
@@ -157,6 +158,19 @@ def test_it_ends_after_the_runs_it_was_asked_for() -> None:
             console.until(lambda: testbed.plan is None or "messages on" in console.lines[-1])
         console.until(lambda: "messages on" in console.lines[-1])
     assert console.lines.count("robot sets out") == 2
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("_again", range(3))
+def test_two_signals_at_a_time_end_it(_again: int) -> None:
+    with madrob_beside("testbed", "--repeat=0") as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+
+        for _ in range(400):  # until some come while another one is handled
+            process.send_signal(signal.SIGINT)
+            process.send_signal(signal.SIGTERM)
+        process.wait(PATIENCE)
 
 
 @pytest.mark.usefixtures("ros_domain")
