@@ -608,7 +608,7 @@ MESSAGES = st.builds(
 
 @settings(max_examples=25)
 @given(st.lists(MESSAGES, max_size=40), st.integers(min_value=512, max_value=20_000))
-def test_any_bytes_and_times_survive_in_their_order_and_only_what_is_too_large_is_dropped(
+def test_bytes_and_times_survive_in_order_and_only_what_is_too_large_is_dropped(
     messages: list[RawMessage], queue_bytes: int
 ) -> None:
     with tempfile.TemporaryDirectory() as parent:

@@ -232,9 +232,7 @@ def test_what_is_no_reading_is_empty_and_changes_no_state() -> None:
     assert present == [-1, 0, 1, 1]
 
 
-def test_a_masked_sensor_keeps_its_state_by_the_protocol_and_is_clear_by_the_published_rules() -> (
-    None
-):
+def test_a_masked_sensor_keeps_its_state_and_by_the_published_rules_is_clear() -> None:
     samples: list[Sample] = [
         looked(0, 0.8),
         door(0.5, -0.2),

@@ -292,7 +292,7 @@ def test_values_are_plain_finite_numbers_whatever_comes_in(
 
 
 @given(st.integers(-(2**40), 2**40), st.integers(1, 20), RULESETS)
-def test_a_shift_in_time_changes_no_indicator_and_the_sides_decide_which_events_count(
+def test_a_shift_in_time_changes_no_indicator_and_sides_decide_which_events_count(
     shift: int, number: int, ruleset: Ruleset
 ) -> None:
     condition = Condition.from_number(number)

@@ -74,7 +74,7 @@ def test_a_timeouts_own_time_is_as_exact_as_its_start_and_a_level_has_no_spread(
 
 @pytest.mark.parametrize("outcome", [Outcome.COMPLETED, Outcome.TIMEOUT])
 @pytest.mark.parametrize("ruled", [False, True])
-def test_a_stop_that_the_torn_recording_lacks_is_as_uncertain_as_any_that_sensors_found(
+def test_a_stop_that_a_torn_recording_lacks_is_as_uncertain_as_any_other(
     outcome: Outcome, ruled: bool
 ) -> None:
     whole, stop = scored(clean()), START + 11.4

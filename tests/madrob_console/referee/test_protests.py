@@ -197,7 +197,7 @@ WAITS = "2 values to check: time to handle, passage time"
         (lambda: not_accepted(voided=VOID), BOTH, ["VOID, does not count (the door was jammed)"]),
     ],
 )
-def test_what_is_doubted_is_one_flag_that_waits_for_the_referee_and_stays_as_a_remark(
+def test_a_doubt_is_a_flag_that_waits_for_the_referee_and_stays_as_a_remark(
     run: Made, doubts: dict[IndicatorName, tuple[str, ...]], words: list[str]
 ) -> None:
     found = flags(run(), indicators=doubted(doubts))

@@ -239,7 +239,7 @@ def test_curves_are_broken_where_data_are_missing(nominal: Scored) -> None:
     assert 3 > time[gap - 1] > 2.9
 
 
-def test_an_aborted_run_has_no_figures_and_an_interrupted_one_those_of_what_was_recorded() -> None:
+def test_an_aborted_run_has_no_figures_an_interrupted_one_those_of_its_samples() -> None:
     aborted = run(outcome=Outcome.ABORTED)
     assert figures_for(*aborted) == {}
     missing = missing_figures(*aborted)
@@ -399,7 +399,7 @@ def rounded(lane: Lane) -> list[tuple[float, float]]:
     return [(round(begin, 6), round(end, 6)) for begin, end in lane.spans]
 
 
-def test_lanes_show_what_each_sensor_saw_and_the_occupation_and_the_masks_of_the_events(
+def test_lanes_show_each_sensor_the_occupation_and_the_masks_of_the_events(
     passage: tuple[Result, Rows],
 ) -> None:
     result, rows = passage
