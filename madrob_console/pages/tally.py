@@ -55,25 +55,37 @@ class Aggregate:
         if not values:
             return None
         try:
-            mean = statistics.fmean(values)
+            mean, median = _mean_and_median(values)
             deviation = _deviation(values, mean) if len(values) > 1 else None
-            median = float(statistics.median(values))
         except OverflowError:
-            return None
-        if not math.isfinite(median):
             return None
         uncertainty = Uncertainty.of_mean(uncertainties, deviation)
         return cls(mean, median, deviation, min(values), max(values), len(values), uncertainty)
 
     @classmethod
-    def of_means(cls, parts: Sequence[Aggregate]) -> Aggregate:
-        """Over different conditions; their scatter is no part of the mean's uncertainty."""
-        means = [part.mean for part in parts]
+    def of_means(cls, parts: Sequence[Aggregate]) -> Aggregate | None:
+        """Over different conditions; None without any, or on overflow.
+
+        Their scatter is no part of the mean's uncertainty.
+        """
+        if not parts:
+            return None
+        try:
+            mean, median = _mean_and_median([part.mean for part in parts])
+        except OverflowError:
+            return None
         spread = Uncertainty.of_mean([part.uncertainty for part in parts])
-        median, mean = float(statistics.median(means)), statistics.fmean(means)
         count = sum(part.count for part in parts)
         smallest, largest = (min(p.smallest for p in parts), max(p.largest for p in parts))
         return cls(mean, median, None, smallest, largest, count, spread)
+
+
+def _mean_and_median(values: Sequence[float]) -> tuple[float, float]:
+    """Raises OverflowError where the sum of values is beyond the range of numbers."""
+    median = float(statistics.median(values))
+    if not math.isfinite(median):
+        raise OverflowError
+    return statistics.fmean(values), median
 
 
 def _deviation(values: Sequence[float], mean: float) -> float:
@@ -293,8 +305,8 @@ def overall(
             means = [
                 single[key][name] for key in keys if key.condition in common and name in single[key]
             ]
-            if means:
-                tally["aggregates"][name] = Aggregate.of_means(means)
+            if (aggregate := Aggregate.of_means(means)) is not None:
+                tally["aggregates"][name] = aggregate
         teams.append(Overall(conditions=tuple(key.condition for key in keys), **tally))
     return _told_apart(teams, lambda team: team.ruleset)
 

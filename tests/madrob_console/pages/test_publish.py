@@ -16,7 +16,7 @@ from unittest.mock import Mock
 from urllib.parse import unquote
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from madrob_console.archive.folders import REPORT_FILE, RESULT_FILE
@@ -361,6 +361,7 @@ _NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @settings(max_examples=60, deadline=None)
+@example([of(1, 1, number, own={SMOOTH: -1.7e308}) for number in (1, 7)])  # the sum is beyond
 @given(
     st.lists(
         st.builds(
