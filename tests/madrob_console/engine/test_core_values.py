@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeGuard
 
 import pytest
 
@@ -15,6 +16,7 @@ from madrob_console.engine.core.effects import (
     Answer,
     CloseJournal,
     CloseRecording,
+    ConfigureTestbed,
     Effect,
     GiveUpRecording,
     HoldEvidence,
@@ -22,6 +24,7 @@ from madrob_console.engine.core.effects import (
     LeaveRun,
     ListCutOffRuns,
     MakeReports,
+    OpenRecording,
     PlainValue,
     Publish,
     ReopenJournal,
@@ -35,6 +38,8 @@ from madrob_console.engine.core.engine_core import Core
 from madrob_console.engine.core.inputs import (
     CutOff,
     CutOffRunsListed,
+    DoAct,
+    Input,
     JournalReopened,
     LineWritten,
     OpenEarlierRun,
@@ -44,7 +49,7 @@ from madrob_console.engine.core.inputs import (
     RunScored,
     Tick,
 )
-from madrob_console.engine.core.now import DiskState, TestbedState, WorkerState
+from madrob_console.engine.core.now import DiskState, Now, TestbedState, WorkerState
 from madrob_console.engine.core.scored_run import (
     EarlierRun,
     PastRun,
@@ -60,8 +65,18 @@ from madrob_console.messages.codec import (
     REFEREE_RUNNING_TOPIC,
 )
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.referee.acts import Abort, DeclareTimeout, SetUp
-from madrob_console.referee.checks import CheckState
+from madrob_console.referee.acts import (
+    Abort,
+    Act,
+    AddNote,
+    ConfirmPose,
+    DeclareTimeout,
+    RestartCountdown,
+    SetUp,
+    Start,
+    Waive,
+)
+from madrob_console.referee.checks import CheckState, blocking
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import CheckName
@@ -79,7 +94,6 @@ from scoring.protocol import (
 )
 from scoring.result import Ending
 from tests.madrob_console.engine.drive import make_setup
-from tests.madrob_console.engine.test_core import FOLDER, Values, kinds
 from tests.madrob_console.engine.test_run_values import (
     RECORD,
     RUN,
@@ -98,10 +112,83 @@ from tests.madrob_console.engine.test_sensor_values import (
 )
 from tests.madrob_console.referee.test_acts import SETUP
 
+FOLDER = Path("results/practice/subject_003_cond_001_run_001_20260101_100000")
+TESTBED = TestbedState(SourceKind.SIMULATED, "SIMULATED nominal")
+NOON = Now(1e9, 50.0, 1e9, 1e9, TESTBED, DiskState(free=10**12, problem=""))
+
+
+class Values:
+    """A core whose inputs a test makes; `number` is that of the last act."""
+
+    def __init__(self) -> None:
+        config = EngineConfig(Path("results"), DEFAULT_MAPPINGS, disk_needed=0)
+        self.core = Core(config, MessageTypes())
+        self.now = NOON
+        self.number = 0
+
+    def take(self, happened: Input, after: float = 0.0) -> list[Effect]:
+        now = self.now
+        self.now = replace(
+            now,
+            time=now.time + after,
+            monotonic=now.monotonic + after,
+            taken=now.taken + after,
+            judged=now.judged + after,
+        )
+        effects = self.core.step(happened, self.now)
+        return [one for one in effects if not isinstance(one, RetryWriting)]  # comes by the clock
+
+    def do(self, act: Act) -> list[Effect]:
+        self.number += 1
+        return self.take(DoAct(self.number, act, "", Origin.REFEREE))
+
+    def ready(self) -> None:
+        self.do(SetUp(make_setup()))
+        self.do(ConfirmPose())
+        for check in blocking(self.core.situation(self.now).checks):
+            self.do(Waive(check.name, "nobody is here"))
+        assert not blocking(self.core.situation(self.now).checks)
+
+    def asked_to_start(self) -> OpenRecording:
+        self.ready()
+        (opening,) = self.do(Start())
+        assert isinstance(opening, OpenRecording)
+        return opening
+
 
 @pytest.fixture
 def values() -> Values:
     return Values()
+
+
+def kinds(effects: list[Effect]) -> list[str]:
+    return [
+        type(one.what).__name__ if isinstance(one, Publish) else type(one).__name__
+        for one in effects
+    ]
+
+
+def test_a_set_up_is_done_at_once_and_told_to_testbed_and_robot(values: Values) -> None:
+    effects = values.do(SetUp(make_setup()))
+    assert ConfigureTestbed(make_setup().condition) in effects
+    assert Publish(make_setup().start_pose) in effects
+    assert Answer(1, None) in effects
+    assert values.core.current_run.run.phase is Phase.READY
+
+
+def test_a_note_that_overtakes_an_act_stands_behind_it_as_on_disk(values: Values) -> None:
+    opening = values.asked_to_start()
+    values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))
+    handed = [one.entry for one in values.do(RestartCountdown("not ready")) if is_line(one)]
+    handed += [one.entry for one in values.do(AddNote("meanwhile")) if is_line(one)]
+    values.take(LineWritten(handed[0].id, None))
+    stand = values.core.current_run.state.lines.entries
+    assert [one.what for one in handed] == [RestartCountdown.name, AddNote.name]
+    assert [one for one in stand if one in handed] == handed
+
+
+def is_line(effect: Effect) -> TypeGuard[WriteLine]:
+    return isinstance(effect, WriteLine)
 
 
 COUNTING, RUNNING = RUN, replace(RUN, phase=Phase.RUNNING)
@@ -446,26 +533,31 @@ def test_an_earlier_run_is_opened_as_it_was_and_a_cut_off_one_is_ended(
 
 
 @pytest.mark.parametrize(
-    ("problem", "late", "generations", "answer", "closes"),
+    ("problem", "late", "meanwhile", "answer", "closes"),
     [
-        ("it is open elsewhere", False, 0, "it is open elsewhere", []),
-        (None, True, 0, "the disk took more than 2 s: try again", [CloseJournal]),
-        (None, False, 1, "was set up meanwhile, and stays", [CloseJournal]),
+        ("it is open elsewhere", False, "", "it is open elsewhere", []),
+        (None, True, "", "the disk took more than 2 s: try again", [CloseJournal]),
+        (None, False, "set up", "was set up meanwhile, and stays", [CloseJournal]),
+        (None, False, "opened", "another run was opened meanwhile", [CloseJournal]),
     ],
 )
 def test_an_earlier_run_that_cannot_be_opened_any_more_replaces_nothing(
     values: Values,
     problem: str | None,
     late: bool,
-    generations: int,
+    meanwhile: str,
     answer: str,
     closes: list[type[Effect]],
 ) -> None:
     generation = values.core.current_run.generation
     request = OpenEarlierRun(7, earlier_run(COMPLETED), False, generation)
     values.take(request)
-    for _ in range(generations):
+    if meanwhile == "set up":
         values.ready()
+    if meanwhile == "opened":
+        other = replace(request, number=8)
+        values.take(other)
+        values.take(JournalReopened(other, None, late=False))
     before = values.core.current_run.run
     effects = values.take(JournalReopened(request, problem, late))
     assert [type(e) for e in carried_out(effects)] == [*closes, Answer]

@@ -23,7 +23,6 @@ from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import LockDetection, Outcome, Step
 from tests.madrob_console.engine.drive import Drive, document, make_setup
-from tests.madrob_console.recorded_runs import completed
 
 
 def value(path: Path, name: IndicatorName) -> float:
@@ -90,17 +89,6 @@ def test_a_declared_timeout_counts_from_its_instant(tmp_path: Path) -> None:
     assert document(drive.folder)["voided"]["reason"] == "it fell on somebody"
     assert document(drive.folder)["issue"] == 1
     assert value(drive.folder, IndicatorName.EXECUTION_TIME) == pytest.approx(5.0, abs=0.05)
-
-
-@pytest.mark.parametrize(("spare", "outcome"), [(0.5, Outcome.COMPLETED), (-0.05, Outcome.TIMEOUT)])
-def test_a_timeout_within_the_settle_time_waits_for_its_end(
-    drive: Drive, spare: float, outcome: Outcome
-) -> None:
-    needed = value(completed(), IndicatorName.EXECUTION_TIME)
-    drive.whole_run(make_setup(timeout=needed + spare))
-    assert drive.engine.run.outcome is outcome
-    took = value(drive.folder, IndicatorName.EXECUTION_TIME)
-    assert took == pytest.approx(min(needed, needed + spare), abs=1e-6)
 
 
 def test_the_referee_can_stop_a_run_that_only_he_can_judge(drive: Drive) -> None:

@@ -15,17 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
-from madrob_console.engine.core.run_faults import RunFaults
-from madrob_console.engine.core.run_tracker import FLICKERS, MOST_NOTED
 from madrob_console.messages.message_types import Message
-from madrob_console.referee.acts import SetUp, Start, Waive, ZeroHandle
-from madrob_console.referee.flags import FlagKind, FlagWeight, serious, undecided, worst
+from madrob_console.referee.acts import SetUp, Start, ZeroHandle
+from madrob_console.referee.flags import FlagKind, serious, undecided
 from madrob_console.referee.records import CheckName, FaultKind
-from madrob_console.referee.run import Phase
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Condition, EventName, Outcome, Signal
+from scoring.protocol import Condition, Outcome, Signal
 from tests.madrob_console.engine.drive import TIMEOUT, FaultyDrive, make_setup
-from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault, set_value
+from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault
 from tests.slowly import slow_but_for
 
 SECOND = 1_000_000_000  # ns
@@ -140,41 +137,6 @@ def test_a_fault_in_a_run_is_named_within_2_s_recorded_marked_and_blocks_no_stop
         assert hall.rescored() == result
 
 
-@pytest.mark.parametrize(
-    ("spans", "told"),
-    [
-        # topic, from and to (s), how late (ms)
-        ([("a", 0.0, 1.0, 120)], ["a: stamps 120 ms late, for 1.0 s"]),
-        ([("a", 0.0, 0.3, 120)], []),
-        (
-            [("a", 0.0, 1.0, 120), ("a", 5.0, 6.0, 150)],
-            ["a: stamps 150 ms late, 2 times, for 2.0 s"],
-        ),
-        (
-            [("a", 0.0, 1.0, 120), ("b", 0.3, 1.3, 150)],
-            ["a, b: stamps 150 ms late, for 1.3 s"],
-        ),
-        (
-            [("a", 0.0, 1.0, 120), ("b", 5.0, 6.0, 150)],
-            ["a: stamps 120 ms late, for 1.0 s", "b: stamps 150 ms late, for 1.0 s"],
-        ),
-    ],
-)
-def test_troubles_at_the_same_time_and_again_on_the_same_topics_are_one_fault(
-    spans: Sequence[tuple[str, float, float, int]], told: list[str]
-) -> None:
-    faults, begun = RunFaults(), []
-    for at in (tick / 10 for tick in range(100)):
-        late = {
-            (name, FaultKind.SKEW): f"stamps {ms} ms late"
-            for name, begin, end, ms in spans
-            if begin <= at <= end
-        }
-        begun += faults.due(late, 100.0 + at)
-    assert [fault.text for fault in faults.all()] == told
-    assert [fault.time for fault in begun] == [fault.time for fault in faults.all()]
-
-
 def stutter(hall: FaultyDrive, seed: int) -> None:
     """From now on all comes late at times, or at once after a while; nothing overtakes."""
     chance, begin, newest = Random(seed), hall.clock.now_ns(), 0
@@ -207,71 +169,30 @@ def test_on_a_machine_that_stutters_no_clean_run_is_flagged(hall: FaultyDrive, s
 
 
 @pytest.mark.parametrize(
-    ("topics", "begin", "lasts", "words", "doubted"),
+    ("topic", "begin", "lasts"),
     [
-        ([DOOR], 4.0, 3.0, "door angle", True),  # it opens then
-        ([HANDLE], 7.0, 2.0, "handle force", True),  # its largest force may have come then
-        ([STRIP], 0.5, 2.0, "passage cw right", True),  # somebody may have come then
+        (DOOR, 4.0, 3.0),  # it opens then
+        (HANDLE, 7.0, 2.0),  # its largest force may have come then
+        (STRIP, 0.5, 2.0),  # somebody may have come then
     ],
 )
-def test_a_topic_that_was_silent_is_flagged_once_whatever_is_doubted(
-    hall: FaultyDrive, topics: Sequence[str], begin: float, lasts: float, words: str, doubted: bool
+def test_a_topic_that_was_silent_is_flagged_once_and_doubted(
+    hall: FaultyDrive, topic: str, begin: float, lasts: float
 ) -> None:
     hall.set_up()
     hall.begin()
     hall.wait(begin)
-    for topic in topics:
-        hall.source.spoil(topic, Fault.DIES)
+    hall.source.spoil(topic, Fault.DIES)
     hall.wait(lasts)
-    for topic in topics:
-        hall.source.heal(topic)
-    result = hall.result()
+    hall.source.heal(topic)
+    result, name = hall.result(), SIGNALS[topic].value
     heavy = serious(hall.engine.snapshot().flags)
-    (lost,) = [flag for flag in heavy if flag.kind is FlagKind.FAULT]
-    assert re.fullmatch(rf"{words}: no sample for {lasts:.0f}\.\d s", lost.words)
-    assert bool(undecided(heavy)) is bool(result.doubts) is doubted
+    assert undecided(heavy)
+    (lost,) = [flag.words for flag in heavy if flag.kind is FlagKind.FAULT]
     (fault,) = hall.engine.run.faults
-    assert re.fullmatch(rf"{words}: silent for [12]\.\d s", fault.text)
+    told = re.sub(r"\.\d s", " s", f"{lost}; {fault.text}")
+    assert re.fullmatch(rf"{name}: no sample for {lasts:.0f} s; {name}: silent for [12] s", told)
     assert hall.rescored() == result
-
-
-@pytest.mark.slow
-def test_the_last_good_value_is_not_shown_for_one_that_cannot_be_read(hall: FaultyDrive) -> None:
-    hall.set_up()
-    for topic, fault in ((DOOR, Fault.NAN), (HANDLE, Fault.PLUS_INFINITY), (STRIP, Fault.EMPTY)):
-        hall.source.spoil(topic, fault)
-    hall.wait(0.6)
-    shown = hall.engine.snapshot()
-    assert (shown.door.angle, shown.door.is_open, shown.handle.force) == (None, None, None)
-    unknown = {(s.side, s.index) for s in shown.passage if s.occupied is None}
-    assert unknown == {("cw", index) for index in range(4)}
-    for name in (CheckName.DOOR, CheckName.HANDLE, CheckName.DOORWAY):
-        assert hall.check(name).startswith("no data")
-    assert hall.engine.perform(ZeroHandle()) == "no handle force comes now"
-
-
-@pytest.mark.slow
-def test_a_second_referee_is_named_and_blocks_a_start_until_it_is_waived(
-    hall: FaultyDrive,
-) -> None:
-    hall.set_up()
-    assert hall.check(CheckName.REFEREE).startswith("ok: none")
-    words = "/madrob/console_hall_4711_0a1b2c (pid 4711 on hall) publishes the state"
-    hall.source.other_referee = words
-    assert hall.check(CheckName.REFEREE) == f"failed: {words}"
-    assert hall.faults() == f"another referee: {words}"
-    assert hall.engine.perform(Start()) == words
-    hall.act(Waive(CheckName.REFEREE, "it is a spare and watches"))
-    hall.begin()
-    hall.wait(3.0)
-    hall.source.other_referee = None
-    hall.wait(1.0)
-    assert hall.faults() == ""
-    quality = hall.result().quality
-    (told,) = [line for line in quality.remarks if "hall" in line and line.startswith("fault at")]
-    assert told.endswith(f"/madrob/referee/state: {words}")
-    assert worst(hall.engine.snapshot().flags) is FlagWeight.CAUTION
-    assert hall.rescored().quality == quality
 
 
 @pytest.mark.slow
@@ -325,58 +246,3 @@ def test_the_name_behind_an_index_is_looked_at_and_doubted_where_it_changes(
     assert IndicatorName.CAPABILITY_LEVEL in doubted
     assert IndicatorName.UNSAFETY_OF_DOOR_OPERATION in doubted
     assert IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION not in doubted
-
-
-@pytest.mark.slow
-def test_a_door_that_flickers_is_told_once_and_costs_the_journal_little(hall: FaultyDrive) -> None:
-    hall.set_up()
-    hall.begin()
-    hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
-    angles = cycle([0.0, 0.4])
-    hall.source.fake(DOOR, lambda message: set_value(message, next(angles)))
-    result = hall.result()
-    assert len(result.events) > MOST_NOTED + 100
-    assert any(FLICKERS in remark for remark in result.quality.remarks)
-    lines = (hall.folder / "journal.jsonl").read_text().splitlines()
-    assert len(lines) < MOST_NOTED + 20
-    assert hall.rescored() == result
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("topic", "value", "check", "words", "event"),
-    [
-        (
-            *(DOOR, 0.4, CheckName.DOOR),
-            r"close the door: angle \+0\.400 rad",
-            EventName.DOOR_OPENS,
-        ),
-        (
-            *(HANDLE, 20.0, CheckName.HANDLE),
-            r"zero the handle, if nobody holds it: \+14\.\d+ N from zero, at rest up to 0",
-            EventName.HANDLE_IS_TOUCHED,
-        ),
-        (
-            *(STRIP, 1.0, CheckName.DOORWAY),
-            "clear the doorway: something under cw 0, cw 1, cw 2, cw 3",
-            EventName.APPROACHES_CW,
-        ),
-    ],
-)
-def test_what_is_up_before_the_start_fails_a_check_and_if_waived_happens_at_it(
-    hall: FaultyDrive, topic: str, value: float, check: CheckName, words: str, event: EventName
-) -> None:
-    hall.set_up()
-    assert hall.check(check).startswith("ok")
-    hall.source.fake(topic, lambda message: set_value(message, value))
-    assert hall.seen_after(lambda: hall.check(check), f"^failed: {words}") <= 2.0
-    assert re.match(words, str(hall.engine.perform(Start())))
-    hall.act(Waive(check, "the team knows"))
-    hall.begin()
-    hall.wait(2.0)
-    hall.source.heal(topic)
-    result = hall.result()
-    assert hall.engine.run.false_starts == ()
-    assert next(e.time for e in result.events if e.event is event) == result.start
-    assert f"check waived: {check}: the team knows" in result.quality.remarks
-    assert hall.rescored() == result

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from scoring.protocol import EventName, Outcome
-from tests.madrob_console.engine.drive import STEP, Deck, Drive, FaultyDrive, document, make_setup
+from tests.madrob_console.engine.drive import Deck, Drive, FaultyDrive, document, make_setup
 from tests.madrob_console.engine.spoilt import DOOR, HANDLE, set_value
 
 LONG = 3.0
@@ -103,21 +102,6 @@ def test_all_while_it_is_held_is_one_question_a_later_touch_another_a_restart_wh
     assert hall.engine.snapshot().remaining == pytest.approx(2.0, abs=0.1)
     assert hall.same_everywhere().outcome is Outcome.COMPLETED
     assert hall.engine.run.undecided_false_start is None
-
-
-def test_a_false_start_that_comes_with_the_start_holds_it(hall: FaultyDrive) -> None:
-    hall.prepare(make_setup())
-    hall.act(Start())
-    hall.wait(1.8)
-    hall.source.fake(HANDLE, partial(set_value, value=40.0))
-    hall.clock.sleep(0.4)  # the engine stands still
-    hall.engine.step(STEP)
-    hall.source.heal(HANDLE)
-    assert (hall.engine.run.phase, hall.engine.run.held) == (Phase.COUNTDOWN, hall.start_time)
-    hall.wait(LONG)
-    hall.act(AcceptFalseStart("nothing gained"))
-    assert hall.engine.run.phase is Phase.RUNNING
-    assert hall.same_everywhere().outcome is Outcome.COMPLETED
 
 
 def test_an_undecided_false_start_is_signed_only_by_who_knows_of_it(

@@ -56,7 +56,9 @@ SLOW = {("door angle", KIND.SLOW): "9 of 50 messages/s missing"}
 
 WORSE = {("door angle", KIND.SLOW): "20 of 50 messages/s missing"}
 
-BOTH = SLOW | {("handle force", KIND.SLOW): "9 of 50 messages/s missing"}
+OTHER = {("handle force", KIND.SLOW): "9 of 50 messages/s missing"}
+
+BOTH = SLOW | OTHER
 
 Troubles = dict[tuple[str, FaultKind], str]
 
@@ -84,6 +86,17 @@ Troubles = dict[tuple[str, FaultKind], str]
             [(0.0, BOTH), (0.5, BOTH)],
             {0.5: "door angle, handle force: 9 of 50 messages/s missing, for 0.5 s"},
             ["door angle, handle force: 9 of 50 messages/s missing, for 0.5 s"],
+        ),
+        (
+            [(0.0, SLOW), (0.5, SLOW), (0.6, {}), (5.0, OTHER), (5.5, OTHER)],
+            {
+                0.5: "door angle: 9 of 50 messages/s missing, for 0.5 s",
+                5.5: "handle force: 9 of 50 messages/s missing, for 0.5 s",
+            },
+            [
+                "door angle: 9 of 50 messages/s missing, for 0.5 s",
+                "handle force: 9 of 50 messages/s missing, for 0.5 s",
+            ],
         ),
         (
             [(0.0, SLOW), (0.5, SLOW), (3.0, BOTH), (3.5, BOTH)],
@@ -249,6 +262,9 @@ def test_a_false_start_holds_the_countdown_and_what_was_up_before_is_none() -> N
     assert course.changes() == [Change.FALSE_START, Change.COUNTDOWN_HELD]
     assert [mark.time for mark in course.run.false_starts] == [NOW + 2.0]
     assert course.go(9.0).phase is Phase.COUNTDOWN  # it is held
+    late = Course()
+    late.feed(handle(4.9, 50.0))  # it comes with the start
+    assert (late.go(5.2).phase, late.run.held) == (Phase.COUNTDOWN, START)
     unjudged = Course(before=None)
     unjudged.feed(handle(2.0, 50.0))
     assert unjudged.go(2.1).false_starts == ()

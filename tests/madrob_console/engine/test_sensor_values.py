@@ -234,7 +234,7 @@ def test_a_sensor_under_the_panel_needs_no_reading() -> None:
     assert (name, KIND.NO_READING) in sensors(plain).faults((), NOW)
 
 
-def test_a_view_shows_fresh_values_only() -> None:
+def test_a_view_shows_fresh_readings_only_and_no_last_good_one() -> None:
     arrivals = [
         *steady(lambda at: door(at, 0.2), 0.0),
         *steady(handle, 0.0),
@@ -254,6 +254,11 @@ def test_a_view_shows_fresh_values_only() -> None:
     stale = fresh.door_view(old)
     assert (stale.angle, stale.is_open, stale.freshness) == (None, None, Freshness.STALE)
     assert fresh.handle_view(old, 4.0, None).force is None
+    spoilt = [door(at / 50, 0.2 if at < -30 else math.nan) for at in range(-50, 1)]
+    spoilt += [handle(at / 50, 5.0 if at < -30 else math.inf) for at in range(-50, 1)]
+    unread = sensors(spoilt)
+    assert (unread.door_view(NOW).angle, unread.door_view(NOW).is_open) == (None, None)
+    assert unread.handle_view(NOW, 4.0, 7.0).force is None
     assert fresh.latch_view(old) == LatchView(engaged=True, freshness=Freshness.STALE)
     assert fresh.latch_view(NOW + 2.5) == LatchView(engaged=None, freshness=Freshness.LOST)
     assert sensors([]).latch_view(NOW) == LatchView(engaged=None, freshness=Freshness.NEVER)
