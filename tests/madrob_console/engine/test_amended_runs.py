@@ -113,56 +113,51 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
     desk.engine.close()
 
 
+def changed(before: dict[str, Any], after: dict[str, Any]) -> set[str]:
+    """What differs between two results, but for the lines that they rest on."""
+    return {key for key in before if before[key] != after[key]} - {"journal"}
+
+
 def test_a_voided_run_keeps_its_indicators_and_counts_nowhere(desk: Desk) -> None:
-    before = desk.document["indicators"]
+    before = desk.document
     desk.act(Void("robot unsafe"))
-    assert desk.document["indicators"] == before
-    assert desk.document["voided"]["reason"] == "robot unsafe"
-    assert desk.document["outcome"] == "completed"
+    assert changed(before, desk.document) == {"voided", "flags"}
     run = desk.listed
     assert (run.valid, run.voided, run.outcome_word, run.reason) == (
         *(False, True, "VOID", "robot unsafe"),
     )
-    assert desk.agrees()
     desk.take_back()
-    assert (desk.document["voided"], desk.listed.valid) == (None, True)
+    assert changed(before, desk.document) == {"taken_back"}
     assert [one["words"] for one in desk.document["taken_back"]] == ["void (robot unsafe)"]
-    assert desk.agrees()
+    assert (desk.listed.valid, desk.agrees()) == (True, True)
 
 
 def test_a_corrected_starting_side_is_scored_again_and_comes_back_to_the_last_digit(
     desk: Desk, tmp_path: Path
 ) -> None:
-    before, names = desk.document, sorted(path.name for path in desk.run_folder.iterdir())
-    assert before["indicators"]["capability_level"]["value"] == 6
+    before, names = desk.document, {path.name for path in desk.run_folder.iterdir()}
     desk.act(Correct(3, CW, "typed wrongly"))
     assert desk.agrees()
-    after = desk.document
-    assert after["indicators"]["capability_level"]["value"] == 3
+    after, listed = desk.document, desk.listed
+    levels = [one["indicators"]["capability_level"]["value"] for one in (before, after)]
+    assert (levels, after["condition_number"], after["run_number"]) == ([6, 3], 11, 1)
     assert after["setup"]["start_pose"] == {"x": -1.5, "y": 0.0, "yaw": 180.0}
-    assert (after["condition_number"], after["run_number"]) == (11, 1)
-    assert after["outcome"], after["stop"] == (before["outcome"], before["stop"])
     assert after["corrections"][0]["before"] == before["setup"]
-    assert (desk.listed.condition, desk.listed.run_number) == (11, 1)
-    assert desk.listed.folder == f"practice/{desk.run_folder.name}"
-    assert sorted(path.name for path in desk.run_folder.iterdir()) == names
+    assert {"outcome", "stop", "start", "events"} & changed(before, after) == set()
+    assert (listed.condition, listed.run_number, listed.folder) == (
+        *(11, 1, f"practice/{desk.run_folder.name}"),
+    )
+    assert {path.name for path in desk.run_folder.iterdir()} == names
     assert desk.engine.snapshot().steps[3].done is False
     publish(desk.run_folder, tmp_path / "published")
     (scored,) = score_run(RunPath(tmp_path / "published", "subject_003_cond_001_run_001"), (None,))
     assert scored.result.condition == CW
     desk.take_back()
-    assert desk.agrees()
-    assert desk.document["indicators"] == before["indicators"]
-    assert desk.document["setup"] == before["setup"]
-    assert desk.engine.snapshot().steps[3].done
+    assert (changed(before, desk.document), desk.agrees()) == ({"taken_back"}, True)
     words = "panel turned 1.037 rad to the CCW side, against the opening side"
     desk.act(Correct(3, replace(PULL, opening_side=Side.CW), "typed wrongly"))
     for flags in (desk.engine.snapshot().flags, desk.listed.flags):
         assert words in [flag.words for flag in flags]
-    desk.take_back()
-    assert words not in [flag.words for flag in desk.listed.flags]
-    assert desk.document["quality"] == before["quality"]
-    assert desk.agrees()
 
 
 def test_a_corrected_subject_is_of_that_team_with_a_number_of_its_own(desk: Desk) -> None:
@@ -233,18 +228,14 @@ def test_a_replay_of_a_corrected_run_shows_the_decisions_of_then_and_today_s_res
 ) -> None:
     desk.act(Correct(3, CW, "typed wrongly"), Rule(Step.CROSS, confirmed=True, reason="seen"))
     desk.engine.close()
-    deck = Deck(desk.run_folder)
-    deck.do(JumpTo(5.0))
-    before = replace(make_setup(), practice=True)
-    assert deck.shown.run.setup == deck.shown.run.set_up_as == before
-    shown = deck.to_the_end()
-    assert deck.at.comparison == EQUAL
-    assert shown.run.setup is not None
-    assert shown.run.setup.condition == CW
-    assert shown.run.rulings != ()
-    deck.do(JumpTo(5.0))
-    assert deck.shown.run.setup == before
-    deck.engine.close()
+    deck, before = Deck(desk.run_folder), replace(make_setup(), practice=True)
+    for _ in range(2):
+        deck.do(JumpTo(5.0))
+        assert deck.shown.run.setup == deck.shown.run.set_up_as == before
+        shown = deck.to_the_end()
+        assert shown.run.setup is not None
+        assert (deck.at.comparison, shown.run.setup.condition) == (EQUAL, CW)
+        assert shown.run.rulings != ()
 
 
 conditions = st.builds(Condition, st.sampled_from(BenchmarkType), *[st.sampled_from(Side)] * 2)
@@ -360,21 +351,21 @@ def test_an_accepted_doubt_stands_beside_the_doubt_and_a_later_one_waits(
         return found
 
     desk.act(ACCEPTED)
-    document = desk.document
-    jsonschema.validate(document, result_schema())
-    (answer,) = document["accepted_doubts"]
-    assert answer["doubts"] == {"time_to_handle": [TOUCH]}
-    assert (answer["reason"], answer["referee"]) == ("seen on video: right", "R. Eferee")
-    value = document["indicators"]["time_to_handle"]
-    assert value["doubts"] == [TOUCH]
-    assert value["uncertainty"] == {"u": 0.01, "expanded": 0.02, "rest": 0.0}
+    stored = desk.document
+    jsonschema.validate(stored, result_schema())
+    assert stored["indicators"]["time_to_handle"]["doubts"] == [TOUCH]
+    (answer,) = stored["accepted_doubts"]
+    del answer["time"]
+    assert answer == {
+        "doubts": {"time_to_handle": [TOUCH]},
+        "reason": "seen on video: right",
+        "referee": "R. Eferee",
+    }
     run = desk.listed
     assert (run.doubts, run.uncertainties) == ({TIME: 1}, {TIME: Uncertainty(0.01, 0.02)})
-    assert (run.sign(TIME), run.sign(IndicatorName.PASSAGE_TIME)) == ("?", "")
     assert waiting() == []
     desk.act(Correct(3, CW, "typed wrongly"))
     assert desk.document["indicators"]["time_to_handle"]["doubts"] == [TOUCH, JITTER]
     assert waiting() == ["1 value to check: time to handle"]
     desk.act(AcceptDoubts({TIME: (JITTER,)}, "no effect on the ranking"))
-    assert waiting() == []
-    assert desk.agrees()
+    assert (waiting(), desk.agrees()) == ([], True)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from hypothesis import strategies as st
 
 from madrob_console.archive import score
 from madrob_console.archive.appeal import EQUAL
-from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.playback import (
     Faster,
@@ -26,13 +26,9 @@ from madrob_console.engine.playback import (
     Slower,
 )
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, describe_topic
-from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import ACTS, Abort, DeclareTimeout, Finalise, Rule, SetUp, Start
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
-from recorder.bag import RawMessage
-from recorder.writer import BagWriter
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.engine.drive import Deck, document, make_setup
 from tests.madrob_console.recorded_runs import INCIDENT_AT, STOP_AT, appealed, without_digests
@@ -59,16 +55,13 @@ def test_at_its_end_a_replay_shows_the_stored_result_to_the_last_digit(folder: P
     deck = Deck(folder, speed=0)
     shown, stored = deck.to_the_end(), document(folder)
     scored = next(score(folder)).result
-    assert shown.result == scored
+    assert (shown.result, shown.result_source) == (scored, "replay")
     values = {str(name): i.value for name, i in scored.indicators.items()}
     assert values == {name: i["value"] for name, i in stored["indicators"].items()}
     assert (deck.at.comparison, deck.at.agrees) == (EQUAL, True)
-    assert shown.result_source == "replay"
     # the later decisions stand on it
-    assert shown.run.phase is Phase.FINAL
     assert shown.run.closure is not None
     assert (shown.run.closure.team_word, shown.run.issue) == (TeamWord.ACKNOWLEDGED, 2)
-    assert [ruling.reason for ruling in shown.run.rulings] == ["a draught", "video"]
     assert [line.text for line in shown.log if line.origin == "referee"][-5:] == [
         "referee denies step 3: a draught",
         "result signed by R. Eferee, protested by the team: they saw it differently",
@@ -79,28 +72,26 @@ def test_at_its_end_a_replay_shows_the_stored_result_to_the_last_digit(folder: P
 
 
 def test_what_sensors_and_referee_say_is_shown_as_it_was_at_that_time(deck: Deck) -> None:
-    deck.do(JumpTo(-0.1))
-    counting = deck.shown.run
-    assert counting.phase is Phase.COUNTDOWN
-    assert counting.false_starts == ()  # what was up before the countdown is none
-    deck.do(JumpTo(INCIDENT_AT - 0.1))
-    before = deck.shown
+    def shown_at(time: float) -> Snapshot:
+        deck.do(JumpTo(time))
+        return deck.shown
+
+    counting = shown_at(-0.1).run  # what was up before the countdown is no false start
+    assert (counting.phase, counting.false_starts) == (Phase.COUNTDOWN, ())
+    before = shown_at(INCIDENT_AT - 0.1)
     assert [w.reason for w in before.run.waivers] == ["spring is warm"]
     assert (before.run.incidents, before.run.notes, before.steps[2].final) == ((), (), None)
-    deck.do(JumpTo(INCIDENT_AT + 0.1))
-    assert [mark.note for mark in deck.shown.run.incidents] == ["frame"]
-    assert deck.shown.log[-2].text == "incident: collision: frame"
-    assert deck.shown.log[-2].relative == pytest.approx(INCIDENT_AT, abs=0.03)
-    deck.do(JumpTo(STOP_AT - 0.5))
-    assert deck.shown.run.phase is Phase.RUNNING
-    assert deck.shown.steps[2].final is not None
-    assert deck.shown.door.is_open
-    deck.do(JumpTo(STOP_AT + 0.2))
-    assert (deck.shown.run.phase, deck.shown.run.outcome) == (Phase.STOPPED, Outcome.TIMEOUT)
-    assert deck.shown.result is None
-    deck.do(JumpTo(INCIDENT_AT - 0.1))
-    assert replace(deck.shown, log=()) == replace(before, log=())
-    assert [line.text for line in deck.shown.log] == [line.text for line in before.log]
+    after = shown_at(INCIDENT_AT + 0.1)
+    assert [mark.note for mark in after.run.incidents] == ["frame"]
+    line = after.log[-2]
+    assert (line.text, line.relative) == (
+        *("incident: collision: frame", pytest.approx(INCIDENT_AT, abs=0.03)),
+    )
+    late, stopped = shown_at(STOP_AT - 0.5), shown_at(STOP_AT + 0.2)
+    assert (late.run.phase, late.door.is_open) == (Phase.RUNNING, True)
+    assert late.steps[2].final is not None
+    assert (stopped.run.outcome, stopped.result) == (Outcome.TIMEOUT, None)
+    assert essence(shown_at(INCIDENT_AT - 0.1)) == essence(before)
 
 
 # ---------------------------------------------------------------- controls
@@ -142,12 +133,11 @@ def test_a_step_is_one_sample_of_the_door_there_and_back_and_steps_add_up(deck: 
     deck.do(JumpTo(3.5), Skip(0.02))
     first, position = deck.shown, deck.at.position
     deck.do(Skip(0.02))
-    assert deck.at.paused
-    assert deck.at.position == pytest.approx(position + 0.02)
+    assert (deck.at.paused, deck.at.position) == (True, pytest.approx(position + 0.02))
     door = [next(t for t in s.topics if t.topic == DOOR) for s in (first, deck.shown)]
     assert door[1].received == door[0].received + 1
     deck.do(Skip(-0.02))
-    assert replace(deck.shown, log=()) == replace(first, log=())
+    assert essence(deck.shown) == essence(first)
     for _ in range(5):
         assert deck.engine.control(Skip(-0.4)) is None
     deck.do(Skip(0.0))
@@ -180,8 +170,7 @@ def test_at_the_end_it_stays_until_it_is_sent_back(deck: Deck) -> None:
     assert deck.at.position == end == deck.at.end
     assert "goes back" in str(deck.engine.control(PlayOrPause()))
     deck.do(Skip(-1.0))
-    assert deck.at.position == pytest.approx(end - 1.0)
-    assert deck.shown.result is None
+    assert (deck.at.position, deck.shown.result) == (pytest.approx(end - 1.0), None)
 
 
 def test_long_work_comes_in_slices_so_that_keys_are_heeded(folder: Path) -> None:
@@ -278,41 +267,24 @@ def test_no_act_does_anything_and_each_is_refused_with_the_reason(deck: Deck) ->
 
 
 @pytest.mark.parametrize(
-    ("edits", "told", "agrees"),
+    ("edit", "words", "agrees"),
     [
-        (
-            {
-                "execution_time": lambda _: STOP_AT + 0.25,
-                "roughness_of_door_actuation": lambda _: 1,
-            },
-            ["differs from the stored result: execution time ", ", stored 5.25; roughness"],
-            False,
-        ),
-        (
-            {"execution_time": lambda value: value + 1e-12},
-            ["equals the stored result to 1e-9: ", "(the same libraries (Python "],
-            True,
-        ),
-        ({"execution_time": lambda value: value * (1 + 2e-9)}, ["differs from the stored "], False),
+        (lambda value: value + 1e-12, "equals the stored result to 1e-9: ", True),
+        (lambda value: value * (1 + 2e-9), "differs from the stored result: ", False),
     ],
-    ids=["seen", "the last digit", "beyond 1e-9"],
 )
 def test_a_stored_result_that_the_bag_does_not_give_is_told_value_by_value(
-    copy: Path, edits: dict[str, Callable[[float], float]], told: list[str], agrees: bool
+    copy: Path, edit: Callable[[float], float], words: str, agrees: bool
 ) -> None:
     without_digests(copy)  # else it would be told as a changed file
-    path = copy / "result.json"
-    document = json.loads(path.read_text())
-    for name, edit in edits.items():
-        indicator = document["indicators"][name]
-        measured, indicator["value"] = indicator["value"], edit(indicator["value"])
-        if len(edits) == 1:  # in the digits that show it
-            told = [*told, f"execution time {measured!r}, stored {indicator['value']!r}"]
-    path.write_text(json.dumps(document))
+    stored = document(copy)
+    indicator = stored["indicators"]["execution_time"]
+    measured, indicator["value"] = indicator["value"], edit(indicator["value"])
+    (copy / "result.json").write_text(json.dumps(stored))
     deck = Deck(copy)
     deck.to_the_end()
-    assert deck.at.comparison.startswith(told[0])
-    assert [words for words in told if words not in deck.at.comparison] == []
+    told = f"execution time {measured!r}, stored {indicator['value']!r}"
+    assert deck.at.comparison.startswith(f"{words}{told}")
     assert deck.at.agrees is agrees
 
 
@@ -342,67 +314,12 @@ def test_a_journal_that_lost_a_line_is_told_from_the_one_in_the_bag(copy: Path) 
 # ---------------------------------------------------------------- bad recordings
 
 
-def torn(copy: Path, share: float) -> Path:
-    """The bag of a run folder, cut off."""
-    (bag,) = copy.glob("*.mcap")
-    data = bag.read_bytes()
-    bag.write_bytes(data[: int(len(data) * share)])
-    return copy
-
-
 @pytest.mark.parametrize("share", slow_but_for([0.4, 0.8], 0.4))
 def test_a_torn_bag_is_played_to_where_it_ends_and_that_is_said(copy: Path, share: float) -> None:
-    deck = Deck(torn(copy, share))
-    assert any("what comes before that is read" in fault for fault in deck.shown.faults)
-    shown = deck.to_the_end()
-    scored = next(score(copy)).result
-    assert shown.result == scored
-    assert shown.run.closure is not None
-    assert any("what comes before" in remark for remark in scored.quality.remarks)
-
-
-def test_a_bag_alone_is_played_with_the_decisions_that_it_holds(copy: Path) -> None:
     (bag,) = copy.glob("*.mcap")
-    shown = Deck(bag).to_the_end()
-    assert shown.run.outcome is Outcome.TIMEOUT
-    assert len(shown.run.incidents) == 1
-    assert shown.run.rulings == ()
-
-
-def test_a_run_without_a_stop_is_interrupted(copy: Path) -> None:
-    journal = copy / "journal.jsonl"
-    lines = journal.read_text().splitlines(keepends=True)
-    journal.write_text("".join(lines[: [i for i, t in enumerate(lines) if "timeout" in t][-1]]))
-    (copy / "result.json").unlink()
-    shown = Deck(torn(copy, 0.4)).to_the_end()
-    assert shown.run.outcome is Outcome.INTERRUPTED
-    assert shown.result == next(score(copy)).result
-
-
-def bags_of_no_run(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Bags that cannot be replayed, with the words that say why."""
-    types = MessageTypes()
-    door = describe_topic(types, DEFAULT_MAPPINGS[0].topic, DEFAULT_MAPPINGS[0].type)
-    data = types.encode(door.type, types.make(door.type))
-    message = RawMessage(door.name, door.type, data, 10**18, 10**18)
-    for name, records, messages, words in (
-        ("foreign", {}, [message], "a bag without a MADROB run: score and replay need one"),
-        ("empty", {}, [], "holds no messages"),
-        ("odd", {RECORD_NAME: {"run": "{}"}}, [message], "damaged"),
-    ):
-        with BagWriter(folder / name, [door], records) as writer:
-            for one in messages:
-                writer.put_message(one)
-        yield folder / name, words
-    (folder / "notes.mcap").write_text("no bag")
-    yield folder / "notes.mcap", "is no bag"
-    yield folder / "missing", "cannot read"
-
-
-def test_what_cannot_be_replayed_is_refused_in_one_line(tmp_path: Path) -> None:
-    for path, words in bags_of_no_run(tmp_path):
-        with pytest.raises(MadrobError) as refused:
-            Deck(path)
-        assert words in str(refused.value)
-        assert path.name in str(refused.value)
-        assert "\n" not in str(refused.value)
+    os.truncate(bag, int(bag.stat().st_size * share))
+    deck = Deck(copy)
+    assert any("what comes before that is read" in fault for fault in deck.shown.faults)
+    shown, scored = deck.to_the_end(), next(score(copy)).result
+    assert (shown.result, shown.run.phase) == (scored, Phase.FINAL)
+    assert any("what comes before" in remark for remark in scored.quality.remarks)
