@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Self, TypeVar
 
@@ -86,3 +87,17 @@ class Stutter(Closing):
     def allowance(self) -> float:
         """What a request and its answer, between processes and threads, may take longer, s."""
         return min(_WAKES * self.worst, _MOST)
+
+
+def alive(pid: int) -> bool:
+    return Path(f"/proc/{pid}").exists()
+
+
+def children_of(parent: int) -> dict[int, str]:
+    """The command lines of what a process has started, by their ids; a zombie has none."""
+    found = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if int((path / "stat").read_text().rpartition(")")[2].split()[1]) == parent:
+                found[int(path.name)] = (path / "cmdline").read_text().replace("\0", " ")
+    return found

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import secrets
 import socket
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
@@ -20,6 +23,7 @@ from madrob_console.engine.runtime.disk import DiskThreads
 from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.runtime.reports import Reporting
 from madrob_console.engine.runtime.scorer import Scorer
+from madrob_console.engine.runtime.supervisor import Supervisor, Worker
 from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
@@ -45,6 +49,17 @@ def simulated(
     source = SimulatedSource(SimulatedTestbed(scenario), clock, types)
     config = EngineConfig(results, DEFAULT_MAPPINGS, disk_needed=0)
     return Engine(source, clock, config, types, disk=DiskThreads.threads(), scorer=scorer)
+
+
+W = TypeVar("W", bound=Worker)
+
+
+@contextmanager
+def kept_running(worker: W) -> Iterator[W]:
+    """A supervisor keeps its process running, inside."""
+    with closing(Supervisor(worker)):
+        worker.warm()
+        yield worker
 
 
 class Served:

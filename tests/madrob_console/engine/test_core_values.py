@@ -84,6 +84,7 @@ from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.team_list import TeamList
 from madrob_console.referee.topic_health import Freshness
 from madrob_console.testbeds.announcement import Announcement
+from madrob_console.ui.panes.result_pane import ResultHead
 from recorder.bag import RawMessage
 from scoring.procedure import Procedure, StepRecord
 from scoring.protocol import (
@@ -457,7 +458,10 @@ def test_a_result_that_the_disk_refuses_is_shown_and_said_to_be_in_memory_only(
     wanted = scoring(again)  # files that could not be read may be readable now
     assert not values.core.snapshot(values.now).rescoring
     late = replace(values.now, monotonic=values.now.monotonic + 0.31)
-    assert values.core.snapshot(late).rescoring
+    stale = values.core.snapshot(late)
+    assert (stale.rescoring, stale.result) == (True, None)
+    ((head,),) = ResultHead().draw_lines(stale, 80)
+    assert "being scored again: the one that was here is out of date" in head.text
     (writing,) = values.take(RunScored(wanted, scored))
     assert isinstance(writing, WriteResult)
 

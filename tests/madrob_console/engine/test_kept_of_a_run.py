@@ -51,8 +51,7 @@ from scoring.protocol import Condition, Outcome, Step
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Deck, Drive, make_setup
 from tests.madrob_console.engine.reporting import no_reporting
-from tests.madrob_console.engine.scored_elsewhere import kept_running
-from tests.madrob_console.engine.served import act, simulated, start
+from tests.madrob_console.engine.served import act, kept_running, simulated, start
 from tests.madrob_console.robots import Played, Robot
 from tests.slowly import slow_but_for
 from tests.watching import until

@@ -51,13 +51,12 @@ from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.reporting import no_reporting, reporting_on, told_of
-from tests.madrob_console.engine.scored_elsewhere import alive, children_of
 from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.pages.competition_runs import put_recorded
 from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.run_folders import summary, write
-from tests.watching import until
+from tests.watching import alive, children_of, until
 
 MINUTES = 180.0
 """For what takes many processes of low priority, s."""

@@ -14,9 +14,8 @@ import pytest
 
 from madrob_console.engine.runtime.reports import WantedPages
 from tests.madrob_console.engine.reporting import reporting_on, told_of
-from tests.madrob_console.engine.scored_elsewhere import alive, children_of
 from tests.madrob_console.recorded_runs import completed
-from tests.watching import until
+from tests.watching import alive, children_of, until
 
 pytestmark = pytest.mark.machine
 

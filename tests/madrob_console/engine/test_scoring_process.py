@@ -27,6 +27,7 @@ from madrob_console.engine.runtime.scoring_process import ScoringProcess
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import (
     Abort,
+    Act,
     Correct,
     DeclareTimeout,
     Finalise,
@@ -35,25 +36,18 @@ from madrob_console.referee.acts import (
     Rule,
     Start,
 )
-from madrob_console.referee.checks import blocking
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from madrob_console.ui.panes.result_pane import ResultHead
+from recorder.bag import RawMessage
 from scoring.protocol import Condition, Signal, Step, Strip
 from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, PassageSample
-from tests.madrob_console.engine.drive import make_setup
-from tests.madrob_console.engine.scored_elsewhere import (
-    Referee,
-    alive,
-    children_of,
-    kept_running,
-    pid_of,
-)
+from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.served import kept_running
 from tests.madrob_console.engine_process import EngineProcess
-from tests.madrob_console.robots import Robot
-from tests.watching import until
+from tests.madrob_console.robots import Played, Robot
+from tests.watching import alive, children_of, until
 
 pytestmark = pytest.mark.machine
 
@@ -62,6 +56,65 @@ T = TypeVar("T")
 DENIED = Rule(Step.TOUCH, confirmed=False, reason="seen")
 BACK = Rule(Step.TOUCH, confirmed=None, reason="right")
 DOOR = next(m.topic for m in DEFAULT_MAPPINGS if m.signal is Signal.DOOR)
+
+
+class Referee(Drive):
+    """An engine whose results come from elsewhere: they are waited for, time stands still."""
+
+    def __init__(
+        self,
+        results: Path,
+        scorer: ScoringProcess,
+        scenario: Played = Scenario.NOMINAL,
+        disk: DiskThreads | None = None,
+    ) -> None:
+        super().__init__(results, scenario, scorer=scorer, disk=disk)
+        self.faults: set[str] = set()
+
+    def look(self) -> None:
+        self.engine.step(0.0)
+        self.faults |= set(self.engine.snapshot().all_faults)
+
+    def until_told(self, words: str) -> None:
+        """Until screens show this fault."""
+
+        def told() -> bool:
+            self.look()
+            return any(words in fault for fault in self.faults)
+
+        until(told, 60.0)
+
+    def settle(self) -> None:
+        """Until there is the result that was asked for."""
+
+        def there() -> bool:
+            self.look()
+            return self.engine.situation().scored
+
+        until(there, 60.0)
+
+    def finish(self) -> None:
+        self.stop()
+        self.settle()
+
+    def stop(self) -> None:
+        """Until the result is asked for."""
+        self.wait_until(lambda: self.engine.run.issue > 0)
+
+    def ruled(self, *acts: Act) -> None:
+        for act in acts:
+            self.act(act)
+            self.settle()
+
+    def verify(self) -> None:
+        """The bag gives the digits that are shown, and they are on disk; nothing is wrong."""
+        assert self.engine.scored is not None
+        again, shown = next(score(self.folder)).result, self.engine.scored.result
+        assert again == replace(shown, quality=again.quality)
+        assert again.quality.signals == shown.quality.signals
+        assert self.engine.snapshot().all_faults == ()
+        for name, content in self.engine.scored.files.items():
+            assert (self.folder / name).read_bytes() == content, name
 
 
 @pytest.fixture
@@ -75,6 +128,12 @@ def drive(tmp_path: Path, scorer: ScoringProcess) -> Iterator[Referee]:
     drive = Referee(tmp_path, scorer)
     yield drive
     drive.engine.close()
+
+
+def pid_of(scorer: ScoringProcess) -> int:
+    pid = until(lambda: scorer.pid)
+    assert pid is not None
+    return pid
 
 
 def kill(scorer: ScoringProcess, number: signal.Signals = signal.SIGKILL) -> None:
@@ -125,16 +184,18 @@ def test_its_bytes_are_those_that_are_made_here(
         drive.verify()
         drive.start(make_setup(ruleset=ruleset, run_number=2))
         take = drive.source.take_messages
-        with monkeypatch.context() as patched:  # some of the door cannot be decoded
-            patched.setattr(
-                *(drive.source, "take_messages"),
-                lambda timeout: [
-                    structs.replace(m, data=m.data[: 9 if m.receive_ns % 7 == 0 else None])
-                    if m.topic == DOOR
-                    else m
-                    for m in take(timeout)
-                ],
-            )
+
+        def take_spoilt(timeout: float) -> list[RawMessage]:
+            """Some of the door cannot be decoded."""
+            return [
+                structs.replace(m, data=m.data[:9])
+                if m.topic == DOOR and not m.receive_ns % 7
+                else m
+                for m in take(timeout)
+            ]
+
+        with monkeypatch.context() as patched:
+            patched.setattr(drive.source, "take_messages", take_spoilt)
             drive.wait(0.5)
         drive.wait(3.0)
         drive.act(Abort("enough"))
@@ -175,45 +236,15 @@ def test_what_cannot_be_read_is_refused_in_words_and_so_is_what_comes_too_late(
         waiting.result(10.0)
 
 
-def test_a_result_that_is_out_of_date_is_not_shown_for_long(
-    drive: Referee, scorer: ScoringProcess
-) -> None:
-    drive.start(make_setup())
-    drive.finish()
-    assert drive.engine.snapshot().result is not None
-    os.kill(pid_of(scorer), signal.SIGSTOP)
-    drive.act(DENIED)
-
-    def old() -> bool:
-        drive.engine.step(0.0)
-        return drive.engine.snapshot().rescoring
-
-    until(old, 5.0)
-    shown = drive.engine.snapshot()
-    assert shown.result is None
-    assert shown.steps[Step.TOUCH - 1].denied
-    ((head,),) = ResultHead().draw_lines(shown, 80)
-    assert "being scored again: the one that was here is out of date" in head.text
-    assert "finalise" in shown.refusals
-    os.kill(pid_of(scorer), signal.SIGCONT)
-    drive.settle()
-    again = drive.engine.snapshot()
-    assert again.result is not None
-    assert again.result.steps[Step.TOUCH - 1].denied
-    assert not again.rescoring
-    drive.verify()
-
-
 def stopped_run(drive: Referee, seconds: float, rate: float, strips: Sequence[Strip]) -> None:
     """A run whose samples are fed, for the recording is not what is measured; it is over now."""
     drive.prepare(make_setup(timeout=86_400.0))
 
-    def ready() -> bool:
-        drive.engine.step(0.0)
-        return not blocking(drive.engine.situation().checks)
+    def started() -> bool:
+        drive.look()
+        return drive.engine.perform(Start()) is None
 
-    until(ready)
-    drive.act(Start())
+    until(started)
     drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
     course, start = drive.engine._core.observation.tracker, drive.engine.run.start
     assert course is not None
@@ -407,39 +438,14 @@ def test_a_run_is_called_safe_on_disk_only_while_it_is(
         heal()
 
 
-def test_a_run_whose_result_does_not_come_is_named_and_scored_after_the_next_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with ailing(tmp_path, POOR, monkeypatch) as (drive, heal):
-        first = drive.folder
-        drive.until_told("`madrob score")
-        drive.start(make_setup(timeout=2.0, run_number=2))
-
-        def is_named() -> bool:  # once the results folder was looked through
-            drive.look()
-            unfinished = [run.folder for run in drive.engine.snapshot().unfinished]
-            return unfinished == [f"practice/{first.name}"]
-
-        until(is_named, 60.0)
-        assert next(score(first)).result.outcome == "timeout"
-        heal()
-        drive.finish()
-        drive.verify()
-        assert drive.open(first) is None
-        drive.settle()
-        assert drive.engine.snapshot().unfinished == ()
-
-
 def test_no_scoring_process_survives_an_engine_that_is_killed(tmp_path: Path) -> None:
     with EngineProcess(tmp_path, "no-touch") as engine:
-        (child,) = until(
-            lambda: [
-                pid
-                for pid, line in children_of(engine.process.pid).items()
-                if "scoring_worker" in line
-            ]
-        )
+
+        def workers() -> list[int]:
+            children = children_of(engine.process.pid)
+            return [pid for pid, line in children.items() if "scoring_worker" in line]
+
+        (child,) = until(workers)
         engine.start(make_setup(countdown=1.0))
-        engine.process.send_signal(signal.SIGKILL)
-        engine.process.wait(30.0)
+        engine.process.kill()
         until(lambda: not alive(child))

@@ -15,8 +15,7 @@ import pytest
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.runtime.supervisor import Supervisor, Worker
-from tests.madrob_console.engine.scored_elsewhere import alive
-from tests.watching import until
+from tests.watching import alive, until
 
 pytestmark = pytest.mark.machine
 
