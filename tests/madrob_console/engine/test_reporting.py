@@ -10,8 +10,8 @@ import shutil
 import signal
 import threading
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
+from unittest.mock import AsyncMock
 from zipfile import ZipFile
 
 import pytest
@@ -32,24 +32,21 @@ from madrob_console.pages.related_runs import RelatedRuns
 from madrob_console.pages.report import report_html
 from madrob_console.referee.acts import (
     Abort,
-    ConfirmPose,
+    Act,
+    AddNote,
     Correct,
     Finalise,
     Reissue,
     Rule,
-    SetUp,
-    Start,
     TakeBack,
     Void,
-    ZeroHandle,
 )
 from madrob_console.referee.acts.correct import last_decision
-from madrob_console.referee.checks import blocking
 from madrob_console.referee.records import TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
 from tests.madrob_console.archive.frames import film
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import Drive, document, make_setup
 from tests.madrob_console.engine.reporting import no_reporting, reporting_on, told_of
 from tests.madrob_console.engine.served import Served, simulated
 from tests.madrob_console.engine_process import EngineProcess
@@ -66,7 +63,7 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     told: list[tuple[str, int]] = []
 
     def tell(folder: Path) -> None:
-        told.append((folder.name[:28], json.loads((folder / "result.json").read_text())["issue"]))
+        told.append((folder.name[:28], document(folder)["issue"]))
 
     drive = Drive(tmp_path, Scenario.NO_TOUCH)
     drive.engine.make_reports = tell
@@ -77,8 +74,6 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
         Reissue("the team is right"),
         Rule(Step.TOUCH, confirmed=False, reason="seen again"),
     )
-    first, cut_off = (f"subject_003_cond_001_run_00{number}" for number in (1, 2))
-    assert told == [(first, issue) for issue in (1, 1, 1, 2, 2)]
     drive.start(make_setup(run_number=2))
     left = tmp_path / "of a machine that failed" / drive.folder.name
     shutil.copytree(drive.folder, left)
@@ -87,7 +82,8 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
     later.engine.make_reports = tell
     assert later.open(left) is None
     later.engine.close()
-    assert told[5:] == [(cut_off, 1)] * 2
+    first, cut_off = (f"subject_003_cond_001_run_00{number}" for number in (1, 2))
+    assert told == [*((first, issue) for issue in (1, 1, 1, 2, 2)), *[(cut_off, 1)] * 2]
 
 
 def test_what_an_engine_that_ends_refuses_is_not_asked_again_and_again(
@@ -107,53 +103,58 @@ def folder(tmp_path: Path) -> Path:
     return Path(shutil.copytree(completed(), tmp_path / "runs" / completed().name))
 
 
+def publishing(site: Path, results: Path) -> WantedPages:
+    return WantedPages(publish=(str(site), f"--results={results}", "--practice"))
+
+
 @pytest.mark.machine
 def test_the_frames_of_instants_stay_in_the_folder_of_the_run(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    elsewhere = tmp_path / "temporary"
+    elsewhere, frames = tmp_path / "temporary", folder / "frames"
     elsewhere.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(elsewhere))
     with reporting_on(folder.parent) as reporting:
+
+        def ask(at: float) -> str:
+            return reporting.frames(folder, at).result(60.0)
+
         with pytest.raises(MadrobError, match="was recorded without evidence"):
-            reporting.frames(folder, 5.0).result(60.0)
-        assert not (folder / "frames").exists()
+            ask(5.0)
+        assert not frames.exists()
         film(folder, "/camera/front", "/camera/side")
         with pytest.raises(MadrobError, match="no frame within 1 s"):
-            reporting.frames(folder, 900.0).result(60.0)
-        for at in (5.0, 6.5):
-            assert reporting.frames(folder, at).result(60.0) == str(folder / "frames")
-    found = sorted(path.name for path in (folder / "frames").iterdir())
-    assert [re.sub(r"_\d+_ms(_later|_earlier)?[.]jpg$", ".jpg", name) for name in found] == [
+            ask(900.0)
+        assert [ask(at) for at in (5.0, 6.5)] == [str(frames)] * 2
+    renewed_pictures(folder, score_opened(folder))
+    names = [re.sub(r"_\d+_ms(_later|_earlier)?[.]", ".", path.name) for path in frames.iterdir()]
+    assert sorted(names) == [
         f"01_at_{at}_s_camera_{camera}.jpg"
         for at in ("5_000", "6_500")
         for camera in ("front", "side")
     ]
     assert not list(elsewhere.iterdir())
-    renewed_pictures(folder, score_opened(folder))
-    assert sorted(path.name for path in (folder / "frames").iterdir()) == found
 
 
 @pytest.mark.machine
 def test_report_and_pages_follow_every_result_as_madrob_report_makes_them(tmp_path: Path) -> None:
     results, site = tmp_path / "runs", tmp_path / "site"
-    drive = Drive(results, Scenario.NO_TOUCH)
-    options = (str(site), f"--results={results}", "--practice")
-    with reporting_on(results, WantedPages(publish=options)) as reporting:
+    drive, team = Drive(results, Scenario.NO_TOUCH), site / "teams/003.html"
+    with reporting_on(results, publishing(site, results)) as reporting:
         drive.engine.make_reports = reporting.report
+
+        def published() -> str:
+            assert (reporting.wait(60.0), reporting.problem) == (True, None)
+            return team.read_text()
+
         drive.whole_run(make_setup(timeout=1.0))
-        assert reporting.wait(60.0)
-        assert reporting.problem is None
-        team = site / "teams/003.html"
-        assert "timeout" in team.read_text()
-        assert "PROTESTED" not in team.read_text()
+        before = published()
+        assert ("timeout" in before, "PROTESTED" in before) == (True, False)
         assert list(site.glob("runs/*/report.html"))  # it was made before
         film(drive.folder, "/camera/front")
         drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee"))
         drive.engine.close()
-        assert reporting.wait(60.0)
-        assert reporting.problem is None
-        assert "PROTESTED" in team.read_text()
+        assert "PROTESTED" in published()
     page, scored = (drive.folder / "report.html").read_text(), score_opened(drive.folder)
     place, seen = RelatedRuns().place_of(drive.folder, scored), run_pictures(drive.folder, scored)
     assert page == report_html(scored, software_version(), place, seen)
@@ -172,10 +173,8 @@ def test_report_and_pages_follow_every_result_as_madrob_report_makes_them(tmp_pa
 def test_what_the_disk_refuses_is_a_fault_until_it_is_made(
     in_the_way: str, words: str, folder: Path, tmp_path: Path
 ) -> None:
-    site = tmp_path / "site"
-    wanted = WantedPages(publish=(str(site), f"--results={folder.parent}", "--practice"))
-    page = tmp_path / in_the_way.replace("RUN", folder.name)
-    with reporting_on(folder.parent, wanted) as reporting:
+    site, page = tmp_path / "site", tmp_path / in_the_way.replace("RUN", folder.name)
+    with reporting_on(folder.parent, publishing(site, folder.parent)) as reporting:
         reporting.publish()
         assert reporting.wait(60.0)
         page.unlink(missing_ok=True)
@@ -213,30 +212,25 @@ def test_what_an_engine_left_unmade_the_next_one_makes(folder: Path, tmp_path: P
     assert main(["report", str(report.parent)]) == 0
     old = re.sub('(name="journal" content=")', r"\g<1>9", report.read_text())
     report.write_text(old)
-    wanted = WantedPages(publish=(str(site), f"--results={folder.parent}", "--practice"))
-    with reporting_on(folder.parent, wanted) as reporting:
+    with reporting_on(folder.parent, publishing(site, folder.parent)) as reporting:
         reporting.repair()
         until((folder / "report.html").is_file)
         until(lambda: report.read_text() != old)
         until((site / "index.html").is_file)
-        assert reporting.wait(60.0)
-        assert reporting.problem is None
+        assert (reporting.wait(60.0), reporting.problem) == (True, None)
 
 
 @pytest.mark.machine
 def test_a_folder_on_a_stick_runs_no_program(folder: Path, tmp_path: Path) -> None:
     """What an engine of an earlier version read as orders, and worse."""
-    ran, precious = tmp_path / "ran", tmp_path / "precious"
-    precious.write_text("precious")
-    queue = folder.parent / ".madrob_queue"
-    (queue / "hook").mkdir(parents=True)
-    for place, kind, arguments in (
+    ran, queue = tmp_path / "ran", folder.parent / ".madrob_queue"
+    queue.mkdir()
+    for name, kind, arguments in (
         ("1.json", "command", [str(folder), "touch", str(ran)]),
-        ("hook/1.json", "command", [str(folder), "touch", str(ran)]),
-        ("2.json", "export", [f"--output={precious}", "--subject=3", "--practice"]),
+        ("2.json", "export", [f"--output={ran}", "--subject=3", "--practice"]),
     ):
-        chore = {"name": place, "kind": kind, "arguments": arguments}
-        (queue / place).write_text(json.dumps(chore))
+        chore = {"name": name, "kind": kind, "arguments": arguments}
+        (queue / name).write_text(json.dumps(chore))
     os.mkfifo(queue / "3.json")
     (queue / "4.json").mkdir()
     before = sorted(queue.rglob("*"))
@@ -244,65 +238,57 @@ def test_a_folder_on_a_stick_runs_no_program(folder: Path, tmp_path: Path) -> No
     with EngineProcess(folder.parent, "no-touch", settings=settings):
         until((folder / "report.html").is_file, MINUTES)  # it works off what is to be made
     assert not ran.exists()
-    assert precious.read_text() == "precious"
     assert sorted(queue.rglob("*")) == before
 
 
 @pytest.mark.machine
 def test_a_run_cuts_a_chore_short_which_is_done_again_after_it(folder: Path) -> None:
     """Killed at any moment, by a run or for want of memory: nothing half written stays."""
-    before = {path.name for path in folder.iterdir()}
+    before, report = {path.name for path in folder.iterdir()}, folder / "report.html"
     with reporting_on(folder.parent) as reporting:
-        for end in (0.0, 0.4, 0.8):
+
+        def begun() -> int:
             reporting.report(folder)
-            pid = until(lambda: reporting.workers[0].pid)
+            return until(lambda: reporting.workers[0].pid) or 0
+
+        for end in (0.0, 0.4, 0.8):
+            pid = begun()
             threading.Event().wait(end)  # some moment
             reporting.hold(held=True)
             until(lambda pid=pid: not alive(pid))  # type: ignore[misc]
             assert reporting.problem is None
-            assert {path.name for path in folder.iterdir()} - before <= {"report.html", "pictures"}
+            assert {path.name for path in folder.iterdir()} - before <= {report.name, "pictures"}
             reporting.hold(held=False)
-        reporting.report(folder)
-        pid = until(lambda: reporting.workers[0].pid)
-        assert pid is not None
-        os.kill(pid, signal.SIGKILL)
+        os.kill(begun(), signal.SIGKILL)
         told = "no reports, pages and zips: it was ended by SIGKILL; it is tried again"
         until(lambda: reporting.problem == told)
-        until(lambda: reporting.problem is None and (folder / "report.html").is_file())
-        assert "</html>" in (folder / "report.html").read_text()
+        until(lambda: reporting.problem is None and report.is_file())
+        assert "</html>" in report.read_text()
 
 
 @pytest.mark.machine
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("site", "more", "said"),
-    [("site", [], ""), (".", ["--no-report"], "holds other things; name an empty")],
-)
+@pytest.mark.parametrize("more", [[], ["--no-report"]])
 def test_madrob_run_leaves_report_and_pages_as_it_is_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], site: str, more: list[str], said: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str]
 ) -> None:
     settings = tmp_path / "madrob.toml"
-    settings.write_text(f'[results]\nfolder = "{tmp_path}/runs"\npublish = "{tmp_path / site}"\n')
+    settings.write_text(f'[results]\nfolder = "{tmp_path}/runs"\npublish = "{tmp_path}/site"\n')
     flags = ["--testbed", "simulated", "--speed=0", "--countdown=1", "--timeout=1"]
     assert main(["run", *flags, *more, f"--settings={settings}"]) == 3
-    told = capsys.readouterr().out
-    assert said in told
-    folder = Path(told.splitlines()[-1].removeprefix("run folder: "))
+    folder = Path(capsys.readouterr().out.splitlines()[-1].removeprefix("run folder: "))
     assert (folder / "report.html").exists() is not bool(more)
-    if not said:
-        assert "No run counts yet." in (tmp_path / "site/index.html").read_text()  # practice
+    assert "No run counts yet." in (tmp_path / "site/index.html").read_text()  # practice
 
 
 @pytest.mark.machine
 def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_path: Path) -> None:
-    wanted = summary(3)
+    wanted, results = summary(3), tmp_path / "runs"
     for run in (wanted, summary(3, hour=1, competition="Spring Cup")):
-        write(tmp_path / "runs", run)
-    engine = simulated(tmp_path / "runs")
-    options = WantedPages(options=[f"--results={tmp_path / 'runs'}"])
+        write(results, run)
     with (
-        reporting_on(tmp_path / "runs", options) as reporting,
-        closing(Served(tmp_path, engine=engine, reporting=reporting)) as served,
+        reporting_on(results, WantedPages(options=[f"--results={results}"])) as reporting,
+        closing(Served(tmp_path, reporting=reporting)) as served,
         closing(served.attach()) as console,
         closing(served.attach(Role.WATCH)) as watcher,
     ):
@@ -310,16 +296,11 @@ def test_a_console_has_a_team_packed_and_every_screen_sees_where_the_zip_is(tmp_
         assert console.send_request(ExportTeam(3, competition="Autumn Cup")) is None
         until(lambda: (view := watcher.snapshot().export) is not None and view.path)
         made = watcher.snapshot().export
-        assert made is not None
-        assert (made.subject, made.problem) == (3, "")
-        assert Path(made.path).parent == tmp_path / "runs" / "exports"
-        names = ZipFile(made.path).namelist()
-        assert {name.partition("/")[0] for name in names if "/" in name} == {wanted.folder}
-
-
-def processes_of(parent: int) -> list[str]:
-    """The command lines of what makes reports for a process, zombies as well."""
-    return [line for line in children_of(parent).values() if not line or "cli.chore_worker" in line]
+    assert made is not None
+    assert (made.subject, made.problem) == (3, "")
+    assert Path(made.path).parent == results / "exports"
+    names = ZipFile(made.path).namelist()
+    assert {name.partition("/")[0] for name in names if "/" in name} == {wanted.folder}
 
 
 def other_runs(report: Path) -> list[str]:
@@ -338,29 +319,25 @@ def test_after_a_correction_reports_and_site_are_true_or_what_cannot_be_is_named
     first, second = put_recorded(results)
     page, drive = first / "report.html", Drive(results)
     assert main(["report", str(results)]) == 0
-    options = (str(site), f"--results={results}", "--practice")
-    with reporting_on(results, WantedPages(publish=options)) as reporting:
+    with reporting_on(results, publishing(site, results)) as reporting:
         drive.engine.make_reports = reporting.report
 
-        def told() -> list[list[str]]:
-            assert reporting.wait(60.0)
-            assert reporting.problem is None
+        def told_after(act: Act) -> list[list[str]]:
+            drive.act(act)
+            assert (reporting.wait(60.0), reporting.problem) == (True, None)
             (published,) = site.glob(f"runs/{first.name}_*/report.html")
             return [other_runs(each) for each in (page, published)]
 
         assert drive.open(second) is None
-        drive.act(Correct(4, make_setup().condition, "typed wrongly"))
-        assert told() == [[], []]
+        assert told_after(Correct(4, make_setup().condition, "typed wrongly")) == [[], []]
         last = last_decision(drive.engine.run)
         assert last is not None
-        drive.act(TakeBack(last.kind, last.time, "it was right"))
-        assert told() == [["run 2", "run 2"]] * 2
+        back = TakeBack(last.kind, last.time, "it was right")
+        assert told_after(back) == [["run 2", "run 2"]] * 2
         before = page.stat().st_mtime_ns
-        reporting.report(second)
-        assert told() == [["run 2", "run 2"]] * 2
+        assert told_after(AddNote("nothing new")) == [["run 2", "run 2"]] * 2
         assert page.stat().st_mtime_ns == before
-        drive.act(Void("the wrong door"))
-        assert told() == [["run 2"]] * 2
+        assert told_after(Void("the wrong door")) == [["run 2"]] * 2
         assert "run 2</a> (VOID: " in page.read_text()
         drive.engine.close()
         for recording in first.glob("*.mcap"):
@@ -374,26 +351,28 @@ def test_after_a_correction_reports_and_site_are_true_or_what_cannot_be_is_named
 @pytest.mark.machine
 @pytest.mark.slow
 def test_an_engine_makes_reports_when_no_run_goes_on_even_as_its_last_deed(tmp_path: Path) -> None:
-    setup = make_setup(countdown=1.0)
     with EngineProcess(tmp_path, "no-touch") as engine:
-        engine.start(setup)
-        begun = engine.snapshot().time
+
+        def making() -> list[str]:
+            """What makes reports, zombies as well."""
+            lines = children_of(engine.process.pid).values()
+            return [line for line in lines if not line or "cli.chore_worker" in line]
 
         def goes_on(shown: Snapshot) -> bool:
-            assert processes_of(engine.process.pid) == []
+            assert making() == []
             return shown.time > begun + 2.0
 
+        engine.start(make_setup(countdown=1.0))
+        begun = engine.snapshot().time
         engine.wait_for(goes_on)
         engine.act(Abort("enough"))
         engine.result()
-        until(lambda: any(processes_of(engine.process.pid)))
-        engine.act(SetUp(replace(setup, run_number=2)), ZeroHandle(), ConfirmPose())
-        engine.wait_for(lambda s: not blocking(s.checks))
-        engine.act(Start())  # a process that goes on ends for it, and no zombie stays
-        until(lambda: not processes_of(engine.process.pid))
+        until(lambda: any(making()))
+        engine.start(make_setup(run_number=2, countdown=1.0))
+        until(lambda: not making())  # a process that goes on ends for it, and no zombie stays
         assert engine.snapshot().run.active
-    until(lambda: len(list(tmp_path.rglob("report.html"))) == 2)
-    assert all("</html>" in path.read_text() for path in tmp_path.rglob("report.html"))
+    reports = [path.read_text() for path in tmp_path.rglob("report.html")]
+    assert ["</html>" in report for report in reports] == [True, True]
     assert not [p for p in tmp_path.rglob(".*") if p.parent != tmp_path]
 
 
@@ -401,49 +380,45 @@ def test_each_kind_of_trouble_is_a_line_and_is_said_again_only_after_a_while(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     now = [1000.0]
-    found = LogOnce(lambda: now[0])
-    for _ in range(1000):
-        for number in (24, 23):
-            found.log_trouble("new screens must wait", OSError(number, "Too many open files"))
-        found.log_trouble("a screen was let go", MemoryError())
-    assert capsys.readouterr().err.splitlines() == [
-        "madrob: new screens must wait ([Errno 24] Too many open files)",
-        "madrob: a screen was let go (MemoryError)",
+    log = LogOnce(lambda: now[0])
+
+    def said(what: str, *errors: Exception) -> list[str]:
+        for error in errors:
+            log.log_trouble(what, error)
+        return capsys.readouterr().err.splitlines()
+
+    many = OSError(24, "Too many open files")
+    line = "madrob: new screens must wait ([Errno 24] Too many open files)"
+    assert said("new screens must wait", *[many] * 1000) == [line]
+    assert said("a screen was let go", MemoryError()) == [
+        "madrob: a screen was let go (MemoryError)"
     ]
     now[0] += AGAIN
-    found.log_trouble("new screens must wait", OSError(24, "Too many open files"))
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert said("new screens must wait", many) == [line]
+    raw = said("\x1b[2Jscreen\n", ValueError("\x1b]0;owned\x07"))
+    assert raw == ["madrob: screen  ()"]  # nothing reaches a terminal raw
     for number in range(1000):
-        found.log_trouble(f"\x1b[2Jscreen {number}\n", ValueError("\x1b]0;owned\x07"))
-    lines = capsys.readouterr().err
-    assert len(lines.splitlines()) <= 50
-    assert "\x1b" not in lines  # nothing reaches a terminal raw
-    assert lines.startswith("madrob: screen 0  ()\n")
+        log.log_trouble(f"screen {number}")
+    assert len(capsys.readouterr().err.splitlines()) <= 50
 
 
 def test_a_loop_says_its_troubles_in_a_line_and_begins_again_what_must_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(server, "_RETRY_PAUSE", 0.0)
-    begun: list[int] = []
-
-    async def work() -> None:
-        begun.append(1)
-        if len(begun) < 5:
-            raise MemoryError("lost")
+    work, log = AsyncMock(side_effect=[MemoryError("lost")] * 5 + [None]), LogOnce()
 
     async def forget_a_task() -> None:
-        asyncio.get_running_loop().set_exception_handler(LogOnce().of_loop)
-        task = asyncio.create_task(work())
-        await asyncio.wait([task])
-        del task
+        asyncio.get_running_loop().set_exception_handler(log.of_loop)
+        await asyncio.wait([asyncio.create_task(work())])
 
     asyncio.run(forget_a_task())
-    said = capsys.readouterr().err
-    assert said == "madrob: Task exception was never retrieved (lost)\n"
-    asyncio.run(LogOnce().lasting(work))
-    assert len(begun) == 5
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    asyncio.run(log.lasting(work))
+    assert work.await_count == 6
+    assert capsys.readouterr().err.splitlines() == [
+        "madrob: Task exception was never retrieved (lost)",
+        "madrob: screens had to wait (lost)",
+    ]
 
 
 @pytest.mark.machine
