@@ -77,6 +77,8 @@ def test_who_is_behind_says_how_far_and_up_to_when_all_was_seen() -> None:
     assert backlog.judged_until(50.0) == 20.0
     assert backlog.behind == pytest.approx(0.8)
     assert str(backlog.problem).startswith("the engine is 0.8 s behind")
+    backlog.note_pause(3.54)
+    assert backlog.problem == "the engine stood still for 3.5 s"
 
 
 def test_what_waits_is_bounded_in_bytes() -> None:

@@ -2,36 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from itertools import count, cycle, pairwise
+from collections.abc import Sequence
+from itertools import cycle, pairwise
 from pathlib import Path
-from random import Random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.archive import score
 from madrob_console.common.clock import NS, SimulationClock, SystemClock
 from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.runtime.testbed_engine import Engine
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping, describe_topic
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, Start, Waive
 from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.announcement import Announcement
-from madrob_console.testbeds.ros.ros_source import RosSource
-from madrob_console.testbeds.ros.subscriptions import Received, arrivals
+from madrob_console.testbeds.ros.subscriptions import arrivals
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from recorder.bag import RawMessage
-from scoring.protocol import Outcome, Signal
-from scoring.result import Result
+from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, FaultyDrive, make_setup
 from tests.madrob_console.engine.machine_time import Machine
 from tests.madrob_console.engine.spoilt import HANDLE, Edit, Fault, shift_stamp
-from tests.slowly import slow_but_for
 
 BEGIN = 100 * NS
 
@@ -41,16 +36,6 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
     machine = Machine()
     monkeypatch.setattr("madrob_console.common.clock.time", machine)
     return machine
-
-
-Wired = Callable[[tuple[TopicMapping, ...]], "WiredDrive"]
-
-
-@pytest.fixture
-def wired(machine: Machine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Wired:
-    monkeypatch.setattr("madrob_console.testbeds.ros.ros_source.time", machine)
-    numbers = count()
-    return lambda mappings: WiredDrive(tmp_path / str(next(numbers)), machine, mappings)
 
 
 class World(SystemClock):
@@ -177,149 +162,11 @@ def test_arrivals_are_steady_whenever_the_clock_that_notes_them_is_stepped(
     assert max(errors) <= (max(wait, PERIOD) if len({*ahead}) > 1 else 0)
 
 
-HEADERLESS = (Signal.DOOR, Signal.HANDLE)
-MAPPINGS = tuple(
-    TopicMapping(m.signal, m.topic, "std_msgs/msg/Float64", "data") if m.signal in HEADERLESS else m
-    for m in DEFAULT_MAPPINGS
-)
-
-
-class OnWire:
-    """A topic on the wire, as an intake has it: what came, when by the machine's wall clock."""
-
-    def __init__(self, mapping: TopicMapping, types: MessageTypes) -> None:
-        self.name, self.type = mapping.topic, mapping.type
-        self.found_type, self.publishers, self.lost, self.problem = self.type, 1, 0, None
-        self.topic = describe_topic(types, self.name, self.type)
-        self.arrived: list[Received] = []
-        self.sent = 0
-
-    def take_messages(self) -> list[Received]:
-        taken, self.arrived = self.arrived, []
-        return taken
-
-
-class Wire(RosSource):
-    """The live source, with a simulated testbed in the place of DDS.
-
-    Attributes:
-        jump: of the machine's clock in the midst of the next take, s.
-        lost: between these steady times, ns, messages do not arrive.
-    """
-
-    def __init__(
-        self,
-        machine: Machine,
-        clock: SystemClock,
-        types: MessageTypes,
-        mappings: tuple[TopicMapping, ...],
-    ) -> None:
-        super().__init__(mappings, types, clock, domain=0)
-        self._machine, self.steady = machine, SystemClock()
-        self.steady.hold_steady()
-        self._testbed = SimulatedSource(
-            SimulatedTestbed(Scenario.NOMINAL, 0), self.steady, types, mappings
-        )
-        self._wired = {m.topic: OnWire(m, types) for m in mappings if not m.signal.optional}
-        self._intakes = tuple(self._wired.values())  # type: ignore[arg-type]
-        self.jump = 0.0
-        self.lost = (0, 0)
-
-    def open(self) -> None:
-        self._testbed.open()
-
-    def publish(self, message: RawMessage) -> None:
-        self._testbed.publish(message)
-
-    def take_messages(self, timeout: float) -> list[RawMessage]:
-        """As the thread does it; the clock is stepped in the midst of what it takes."""
-        busy, jump, self.jump = 0.12 * (self.jump != 0.0), self.jump, 0.0
-        self.receive(max(timeout, busy))
-        self._machine.step(jump)
-        self.receive(busy)
-        return self._take()
-
-    def receive(self, duration: float, *, at_once: bool = False) -> None:
-        """Messages arrive and wait to be taken; `at_once`: in the last moment."""
-        messages = self._testbed.take_messages(duration)
-        ahead = self._machine.time_ns() - self.steady.now_ns()
-        since, until = self.lost
-        for m in messages:
-            wired = self._wired[m.topic]
-            wired.sent += 1
-            if not since <= m.receive_ns < until:
-                burst = self.steady.now_ns() - 100_000 + BURST * len(wired.arrived)
-                at = burst if at_once else m.receive_ns
-                wired.arrived.append(Received(m.data, m.publish_ns, at + ahead, wired.sent))
-
-
-BURST, WAITING = 250, 2 * NS
-"""ns between messages that waited while the engine stood still, and the time that DDS keeps."""
-
-
-class WiredDrive(Drive):
-    def __init__(
-        self, results: Path, machine: Machine, mappings: tuple[TopicMapping, ...] = MAPPINGS
-    ) -> None:
-        types, clock = MessageTypes(), SystemClock()
-        self.wire = Wire(machine, clock, types, mappings)
-        config = EngineConfig(results, mappings, lossless=True, disk_needed=0)
-        self.engine = Engine(self.wire, clock, config, types)
-        self.engine.open()
-
-    def interrupted(self, after: float, duration: float, *, stall: bool) -> Result:
-        """Of a run that loses messages; with a stall those of the first 2 s come after it."""
-        self.start(make_setup())
-        self.wait(after)
-        now = self.wire.steady.now_ns()
-        self.wire.lost = now + WAITING, now + round(duration * NS)
-        if stall:
-            self.wire.receive(duration, at_once=True)
-        self.finish()
-        result = self.scored().result
-        assert next(score(self.folder)).result == result
-        return result
-
-
-def test_a_stepped_clock_costs_no_sample_of_a_topic_without_a_header(
-    wired: Wired, tmp_path: Path
-) -> None:
-    undisturbed, stepped = wired(MAPPINGS), wired(MAPPINGS)
-    undisturbed.whole_run(make_setup())
-    stepped.start(make_setup())
-    stepped.wait(2.5)
-    stepped.wire.jump = 1.36
-    stepped.finish()
-    result = stepped.scored().result
-    assert {(s.dropped, s.shifted) for s in result.quality.signals} == {(0, 0)}
-    events = [
-        {event.event: event.since_start for event in drive.scored().result.events}
-        for drive in (undisturbed, stepped)
-    ]
-    assert events[1] == pytest.approx(events[0], abs=0.025)  # a sample
-
-
-@pytest.mark.parametrize("duration", slow_but_for([1.0, 1.5, 3.5, 8.0], 1.5, 3.5))
-@pytest.mark.parametrize("number", slow_but_for(range(10), 0))
-def test_an_engine_that_stood_still_has_the_values_that_the_same_loss_leaves(
-    number: int, duration: float, wired: Wired
-) -> None:
-    after = Random(f"{number} {duration}").uniform(1.0, 12.0)
-    lossy, stalled = (
-        wired(DEFAULT_MAPPINGS).interrupted(after, duration, stall=stall) for stall in (False, True)
-    )
-    assert all(one.shifted == one.clock_steps == 0 for one in stalled.quality.signals)
-    assert f"the engine stood still for {duration:.1f} s" in " ".join(stalled.quality.remarks)
-    assert stalled.outcome == lossy.outcome
-    for name, one in stalled.indicators.items():
-        assert one.value == pytest.approx(lossy.indicators[name].value, abs=1e-5)
-
-
 class InWorld(SimulatedSource):
     """A testbed on simulated time, and `/clock`."""
 
-    def __init__(self, clock: SimulationClock, world: World, types: MessageTypes) -> None:
-        super().__init__(SimulatedTestbed(Scenario.NOMINAL, 0), world, types)
+    def __init__(self, clock: SimulationClock, world: World) -> None:
+        super().__init__(SimulatedTestbed(Scenario.NOMINAL, 0), world, MessageTypes())
         self._engine_clock = clock
 
     def take_messages(self, timeout: float) -> list[RawMessage]:
@@ -330,9 +177,9 @@ class InWorld(SimulatedSource):
 
 class WorldDrive(Drive):
     def __init__(self, results: Path, world: World) -> None:
-        types, clock = MessageTypes(), SimulationClock()
+        clock = SimulationClock()
         config = EngineConfig(results, DEFAULT_MAPPINGS, lossless=True, disk_needed=0)
-        self.engine = Engine(InWorld(clock, world, types), clock, config, types)
+        self.engine = Engine(InWorld(clock, world), clock, config, MessageTypes())
         self.engine.open()
         self.engine.step(0.02)  # from here on it is simulated time
 
@@ -344,8 +191,7 @@ def test_a_timeout_is_simulated_time(pace: float, machine: Machine, tmp_path: Pa
     began = machine.monotonic_ns()
     drive.finish()
     run = drive.engine.run
-    assert run.start is not None
-    assert (run.outcome, run.stop) == (Outcome.TIMEOUT, run.start + 8.0)
+    assert (run.outcome, run.stop) == (Outcome.TIMEOUT, run.start + 8.0)  # type: ignore[operator]
     assert (machine.monotonic_ns() - began) / NS == pytest.approx((8.0 + 1.1) / pace, rel=0.1)
 
 

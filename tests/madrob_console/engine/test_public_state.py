@@ -12,7 +12,6 @@ from madrob_console.cli.main import main
 from madrob_console.engine.snapshot import Weight
 from madrob_console.engine.state_schemas import event_schema, state_schema
 from madrob_console.messages.codec import (
-    LARGEST_WORDS,
     REFEREE_ELAPSED_TOPIC,
     REFEREE_EVENT_TOPIC,
     REFEREE_LEVEL_TOPIC,
@@ -20,7 +19,6 @@ from madrob_console.messages.codec import (
     REFEREE_STATE_TOPIC,
     ROBOT_FINISHED_TOPIC,
     ROBOT_STARTED_TOPIC,
-    encode_data,
     encode_text,
 )
 from madrob_console.messages.message_types import MessageTypes
@@ -42,6 +40,9 @@ from tests.madrob_console.engine.spoilt import HANDLE, Fault
 
 TYPES = MessageTypes()
 EMPTY = TYPES.encode("std_msgs/msg/Empty", TYPES.make("std_msgs/msg/Empty"))
+
+
+PLAIN = (REFEREE_RUNNING_TOPIC, REFEREE_LEVEL_TOPIC, REFEREE_ELAPSED_TOPIC)
 
 
 def make_every_kind_of_run(hall: FaultyDrive) -> None:
@@ -127,71 +128,46 @@ def test_the_robot_s_words_stand_in_screen_journal_bag_and_result_and_decide_not
 ) -> None:
     hall.prepare(make_setup(timeout=20.0))
     hall.act(Start())
-    for after in (-0.5, 0.031, 1.5):  # no answer: it has not started yet
-        hall.hear(ROBOT_STARTED_TOPIC, EMPTY, after)
-    hall.hear(ROBOT_FINISHED_TOPIC, encode_text(TYPES, "too early"), after=-0.5)
-    for after in (0.5, 0.6):
-        gives_up = encode_text(TYPES, "\x1b[31mI gave\nup" + "p" * 100)
-        hall.hear(ROBOT_FINISHED_TOPIC, gives_up, after)
+    hall.hear(ROBOT_STARTED_TOPIC, EMPTY, 0.031)
+    gives_up = encode_text(TYPES, "\x1b[31mI gave\nup" + "p" * 100)
+    hall.hear(ROBOT_FINISHED_TOPIC, gives_up, 0.5)
     hall.wait_until(lambda: hall.engine.run.phase is Phase.RUNNING)
     hall.wait(1.0)
     words = "I gave up" + "p" * 51
     text, _ = banner(hall.engine.snapshot())
     assert f"the robot says '{words}'; F9 declares the timeout" in text
     (line,) = (one for one in hall.engine.log.lines if "robot says" in one.text)
-    assert (line.text, line.weight) == (f"robot says: {words}", Weight.NOTICE)
-    assert line.relative == pytest.approx(0.5, abs=1e-6)
-    assert hall.engine.run.phase is Phase.RUNNING
+    assert (line.text, line.weight, line.relative) == (
+        *(f"robot says: {words}", Weight.NOTICE, pytest.approx(0.5, abs=1e-6)),
+    )
     assert hall.same_everywhere().outcome is Outcome.COMPLETED  # the robot went on
     stored, scored = document(hall.folder), hall.scored()
     assert stored["robot_start"] - hall.start_time == pytest.approx(0.031, abs=1e-6)
     assert "the robot answered to the start 0.031 s after it" in stored["quality"]["remarks"]
     assert other_remarks(scored.run, scored.result.quality) == stored["quality"]["remarks"]
     assert (scored.run.robot_start, scored.run.robot_words) == (stored["robot_start"], words)
-    assert not stored["flags"]
-    told = [e for e in hall.published(REFEREE_EVENT_TOPIC) if e["what"] == Change.ROBOT_STARTS]
-    assert [line["origin"] for line in told] == ["remote"]
-    for topic in (ROBOT_STARTED_TOPIC, ROBOT_FINISHED_TOPIC):
-        assert len(hall.recorded(topic)) == 3
+    assert hall.recorded(ROBOT_STARTED_TOPIC) == [EMPTY]
+    assert hall.recorded(ROBOT_FINISHED_TOPIC) == [gives_up]
 
 
 def test_standard_types_say_whether_the_run_goes_on_how_long_and_the_level(
     hall: FaultyDrive,
 ) -> None:
-    assert (hall.published(REFEREE_RUNNING_TOPIC), hall.published(REFEREE_LEVEL_TOPIC)) == ([], [])
     hall.wait(0.1)
-    assert hall.published(REFEREE_RUNNING_TOPIC) == [False]
     hall.whole_run(make_setup())
     hall.wait(2.0)
-    assert hall.published(REFEREE_RUNNING_TOPIC) == [False, False, True, False]
-    assert hall.published(REFEREE_LEVEL_TOPIC) == [0, 0, 1, 3, 4, 5, 6]
-    elapsed = hall.published(REFEREE_ELAPSED_TOPIC)
-    assert elapsed == [n / 10 for n in range(len(elapsed))]
-    stopped = hall.published(REFEREE_EVENT_TOPIC)
-    (decided,) = (e["time"] for e in stopped if e["what"] == Change.RUN_STOPS)
-    assert elapsed[-1] == pytest.approx(decided - hall.start_time, abs=0.15)
-    for topic in (REFEREE_RUNNING_TOPIC, REFEREE_ELAPSED_TOPIC, REFEREE_LEVEL_TOPIC):
+    published = {topic: hall.published(topic) for topic in PLAIN}
+    elapsed = published[REFEREE_ELAPSED_TOPIC]
+    assert published == {
+        REFEREE_RUNNING_TOPIC: [False, False, True, False],
+        REFEREE_LEVEL_TOPIC: [0, 0, 1, 3, 4, 5, 6],
+        REFEREE_ELAPSED_TOPIC: [n / 10 for n in range(len(elapsed))],
+    }
+    assert elapsed[-1] > 13.0
+    for topic in PLAIN:
         said = [m.data for m in hall.source.published if m.topic == topic]
         before = int(topic != REFEREE_ELAPSED_TOPIC)  # the engine's first ones
         assert hall.recorded(topic) == said[before:]
     hall.act(Rule(Step.LOCK, confirmed=False, reason="it was not locked"))
     hall.wait(2.0)
     assert hall.published(REFEREE_LEVEL_TOPIC)[-1] == 5  # as the result that was written anew
-    hall.prepare(make_setup(run_number=2))
-    assert hall.published(REFEREE_LEVEL_TOPIC)[-1] == 0
-
-
-def test_no_robot_can_flood_the_journal_or_say_what_cannot_be_read(hall: FaultyDrive) -> None:
-    hall.prepare(make_setup(timeout=20.0))
-    hall.act(Start())
-    hall.hear(ROBOT_FINISHED_TOPIC, encode_text(TYPES, "x" * LARGEST_WORDS), after=0.1)
-    hall.hear(ROBOT_FINISHED_TOPIC, b"\x00\x01", after=0.2)
-    hall.hear(ROBOT_FINISHED_TOPIC, encode_data(TYPES, "std_msgs/msg/Int32", -1), after=0.3)
-    for number in range(1000):
-        hall.hear(
-            ROBOT_FINISHED_TOPIC, encode_text(TYPES, f"word {number}"), after=0.4 + number / 1000
-        )
-    hall.finish()
-    told = [e for e in hall.published(REFEREE_EVENT_TOPIC) if e["what"] == Change.ROBOT_SAYS]
-    assert [e["reason"] for e in told] == ["finished", *(f"word {n}" for n in range(19))]
-    assert hall.engine.run.outcome is Outcome.COMPLETED

@@ -311,6 +311,9 @@ def test_a_robot_is_heard_from_the_start_on_each_word_once() -> None:
     assert course.go(9.1).robot_start == NOW + 6.0
     assert course.run.robot_words == "done"
     assert course.told[1:] == [(Change.ROBOT_STARTS, NOW + 6.0), (Change.ROBOT_SAYS, NOW + 8.0)]
+    for unreadable in (b"\x00\x01", b"\x00\x01\x00\x00\xff\xff\xff\xff"):
+        hear(word(9.5, ROBOT_FINISHED_TOPIC, unreadable))
+    assert course.go(9.6).robot_words == "finished"
     for number in range(2 * MOST_ROBOT_WORDS):
         hear(says(10.0, f"word {number}"))
     course.go(11.0)
