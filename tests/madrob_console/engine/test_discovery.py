@@ -369,19 +369,6 @@ def test_a_folder_that_cannot_be_locked_is_said_and_not_waited_for(
 DOMAIN = 101 + os.getpid() % 100
 
 
-def test_a_domain_has_one_engine_also_when_the_first_one_does_not_answer_yet(
-    tmp_path: Path,
-) -> None:
-    first, second = (owned_by(SourceKind.ROS, DOMAIN, results=tmp_path / name) for name in "ab")
-    with held(first):
-        refused = refusal(second)
-    assert (refused.same, f"ROS domain {DOMAIN} has an engine already" in str(refused)) == (
-        *(True, True),
-    )
-    with held(second):
-        pass  # nothing is left of the first
-
-
 def test_a_second_engine_in_a_ros_domain_is_told_of_the_first(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -309,19 +309,6 @@ def test_an_abort_that_comes_with_the_disks_answer_aborts_the_countdown(hall: Ha
     assert hall.phases[heard:] == ("countdown", "stopped")
 
 
-def test_an_abort_wins_over_a_restart_that_is_being_written(hall: Hall) -> None:
-    hall.bring_to(Phase.COUNTDOWN)
-    hall.disk.held = True
-    hall.submit(RestartCountdown("robot not ready"))
-    hall.submit(Abort("enough"))
-    assert hall.told == ["the run has stopped: it is withdrawn", None]
-    hall.disk.come_back()
-    hall.pass_time(STEP)
-    assert len(hall.told) == 2
-    assert RestartCountdown.name not in [line.what for line in hall.lines()]
-    assert hall.told_by_journal().outcome is Outcome.ABORTED
-
-
 def test_an_act_that_comes_twice_is_done_once_and_answered_twice(hall: Hall) -> None:
     def submit_twice(act: Act) -> None:
         for _ in range(2):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -164,49 +163,13 @@ def test_a_screen_shows_what_the_engine_has(drive: Drive) -> None:
             snapshot_of(wrong)
 
 
-RUBBISH = (
-    b"\xff\xff\xff\xff",
-    b"\x00\x00\x00\x01x",
-    b"\x00\x00\x00\x03\x93\x01\x02",
-    b"GET / HTTP/1.0\r\n",
-)
-
-
-def say(served: Served, data: bytes) -> None:
-    """What a caller says, whose answers are read to their end."""
-    with served.connect() as caller:
-        caller.sendall(data)
-        caller.shutdown(socket.SHUT_WR)
-        while caller.recv(65536):
-            pass
-
-
-def test_rubbish_on_the_socket_is_rejected_and_the_engine_goes_on(served: Served) -> None:
-    hello = wire.frame(greeting.Hello(wire.VERSION, Role.REFEREE, "x"))
-    for data in RUBBISH:
-        say(served, data)
-        say(served, hello + data)
-    with closing(served.attach()) as client:
-        assert act(client, SetUp(make_setup())) is None
-
-
-def test_the_engine_ends_by_itself_when_nobody_needs_it(tmp_path: Path) -> None:
-    served = Served(tmp_path, idle_time=0.5)
-    client = served.attach()
-    with pytest.raises(Empty):
-        served.server.over.get(timeout=1.0)
-    client.close()
-    served.server.over.get(timeout=5.0)
-    served.close()
-
-
-def test_an_engine_does_not_end_by_itself_before_its_result_is_on_disk(tmp_path: Path) -> None:
+def test_an_engine_ends_by_itself_when_nobody_needs_it_and_its_result_is_on_disk(
+    tmp_path: Path,
+) -> None:
     endless = simulated(tmp_path / "runs", scenario=Scenario.NO_TOUCH)
-    served = Served(tmp_path, idle_time=0.5, engine=endless)
-    against = "a run is NOT ON DISK yet, a screen is attached"
     final = Finalise(TeamWord.ABSENT, "Ada")
-    try:
-        client = served.attach()
+    with closing(Served(tmp_path, idle_time=0.5, engine=endless)) as served:
+        client, over = served.attach(), served.server.over
         start(client)
         (folder,) = (tmp_path / "runs" / "practice").glob("subject_*")
         (folder / "result.json").mkdir()  # the disk refuses the result
@@ -214,16 +177,19 @@ def test_an_engine_does_not_end_by_itself_before_its_result_is_on_disk(tmp_path:
         until(lambda: client.snapshot().pulse.refused and client.snapshot().result is not None)
         # while the engine tries again, which it does often, the result is being written
         until(lambda: "NOT on disk" in str(act(client, final)))
+        against = "a run is NOT ON DISK yet, a screen is attached"
         until(lambda: served.server.describe().against_stopping == against)
         assert "NOT on disk" in str(served.server.describe().remarks)
         client.close()
         with pytest.raises(Empty):
-            served.server.over.get(timeout=1.5)
+            over.get(timeout=1.5)
+        later = served.attach(Role.WATCH)
         (folder / "result.json").rmdir()
-        served.server.over.get(timeout=10.0)
+        with pytest.raises(Empty):
+            over.get(timeout=1.5)  # a screen is there
+        later.close()
+        over.get(timeout=10.0)
         assert (folder / "result.json").is_file()
-    finally:
-        served.close()
 
 
 def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
