@@ -1,7 +1,8 @@
-"""Work beside the engine: what waits for the disk, in a thread of its own, and what only reads."""
+"""Work beside the engine: on the disk, in a thread of its own; readings; questions to a process."""
 
 from __future__ import annotations
 
+import pickle
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -13,6 +14,10 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
 from madrob_console.engine.runtime.disk import ENDED, FULL, DiskThread, why_not
 from madrob_console.engine.runtime.disk_watch import RepeatedReading
+from madrob_console.engine.runtime.worker_questions import question_parts
+from scoring.assessment import Assessment
+from scoring.samples import DoorSample, HandleSample
+from tests.madrob_console.engine.drive import PULL
 from tests.watching import PATIENCE, until
 
 
@@ -170,3 +175,19 @@ def test_a_value_that_cannot_be_read_is_forgotten_where_an_old_one_says_nothing(
     assert look(2 * NEVER) == kept
     archive.asked[-1].set_result("known again")
     assert archive.reading.value == "known again"
+
+
+def test_the_samples_of_a_run_are_sent_without_copying_them() -> None:
+    run = Assessment(PULL, 100.0)
+    for number in range(60_000):
+        at = 100.0 + number / 500
+        run.feed(DoorSample(at, at, 0.0))
+        run.feed(HandleSample(at, at, 0.0))
+    head, *parts = question_parts(7, run)
+    copied = [part for part in parts if isinstance(part, bytes)]
+    assert sum(map(len, copied)) < sum(map(len, parts)) / 10
+    number, sizes = pickle.loads(head)
+    arrays = [bytes(part) for part in parts if isinstance(part, memoryview)]
+    assert (number, sizes) == (7, [len(each) for each in arrays])
+    again = pickle.loads(b"".join(copied), buffers=arrays)
+    assert (again.newest, again.quality()) == (run.newest, run.quality())
