@@ -45,8 +45,10 @@ from madrob_console.referee.acts import (
     Finalise,
     SetUp,
     Start,
+    TakeBack,
     ZeroHandle,
 )
+from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.flags import undecided
 from madrob_console.referee.records import CheckName, TeamWord
 from madrob_console.referee.run import Phase
@@ -140,11 +142,10 @@ class Drive:
 
     def wait_for_disk(self) -> None:
         """Until everything so far is on the disk: the recorder writes in a thread of its own."""
-        folder, now = self.engine.folder, self.clock.now_ns()
-        assert folder is not None
+        now = self.clock.now_ns()
 
         def newest() -> int:
-            return max((m.receive_ns for m in Bag(folder).messages()), default=0)
+            return max((m.receive_ns for m in Bag(self.folder).messages()), default=0)
 
         until(lambda: newest() > now - _ON_DISK_NS)
 
@@ -181,12 +182,36 @@ class Drive:
     def finish(self) -> None:
         self.wait_until(lambda: self.engine.scored is not None)
 
+    @property
+    def start_time(self) -> float:
+        """Of the run, planned or past, s since the epoch."""
+        assert self.engine.run.start is not None
+        return self.engine.run.start
+
+    def result(self) -> Result:
+        """The run's result, waited for."""
+        self.finish()
+        assert self.engine.scored is not None
+        return self.engine.scored.result
+
+    def rescored(self) -> Result:
+        """Of the run, scored again."""
+        return next(score(self.folder)).result
+
+    def recorded(self, topic: str) -> list[bytes]:
+        """What the bag holds of a topic."""
+        return [m.data for m in Bag(self.folder).messages() if m.topic == topic]
+
+    def take_back(self) -> None:
+        """The last decision."""
+        last = last_decision(self.engine.run)
+        assert last is not None
+        self.act(TakeBack(last.kind, last.time, "my mistake"))
+
     def same_everywhere(self) -> Result:
         """The result, waited for; the run scored again and replayed has the same one."""
-        self.finish()
-        result = next(score(self.folder)).result
-        assert self.engine.scored is not None
-        assert result == self.engine.scored.result
+        result = self.result()
+        assert self.rescored() == result
         deck = Deck(self.folder, speed=0.0)
         deck.to_the_end()
         assert (deck.at.comparison, deck.at.agrees) == (EQUAL, True)
@@ -312,12 +337,6 @@ class FaultyDrive(Drive):
 
     SOURCE = FaultySource
 
-    @property
-    def start_time(self) -> float:
-        """Of the run, planned or past, s since the epoch."""
-        assert self.engine.run.start is not None
-        return self.engine.run.start
-
     def touch(self, topic: str = HANDLE, value: float = 40.0) -> None:
         """Something moves for 0.3 s: the handle is pulled, if nothing else is said."""
         self.source.fake(topic, partial(set_value, value=value))
@@ -350,22 +369,6 @@ class FaultyDrive(Drive):
         self.wait(4.0)
         assert (self.engine.run.phase, self.faults()) == (Phase.RUNNING, "")
         self.source.spoil(topic, fault)
-
-    def result(self) -> Result:
-        """The run's result, waited for."""
-        self.finish()
-        assert self.engine.scored is not None
-        return self.engine.scored.result
-
-    def rescored(self) -> Result:
-        """What `madrob score` says of the run."""
-        assert self.engine.folder is not None
-        return next(score(self.engine.folder)).result
-
-    def recorded(self, topic: str) -> list[bytes]:
-        """What the bag holds of a topic."""
-        assert self.engine.folder is not None
-        return [m.data for m in Bag(self.engine.folder).messages() if m.topic == topic]
 
     def topics(self) -> list[str]:
         """The topics that a testbed must have."""

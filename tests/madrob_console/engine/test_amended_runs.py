@@ -57,7 +57,6 @@ from madrob_console.referee.acts import (
     Reissue,
     Rule,
     SetUp,
-    TakeBack,
     Void,
 )
 from madrob_console.referee.acts.correct import last_decision
@@ -98,11 +97,6 @@ class Desk(Drive):
     @property
     def document(self) -> dict[str, Any]:
         return document(self.run_folder)
-
-    def take_back(self) -> None:
-        last = last_decision(self.engine.run)
-        assert last is not None
-        self.act(TakeBack(last.kind, last.time, "my mistake"))
 
     @property
     def lines(self) -> tuple[Entry, ...]:

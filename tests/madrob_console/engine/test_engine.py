@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from io import BytesIO, StringIO
 from pathlib import Path
+from traceback import format_stack
 from types import FrameType
 
 import pytest
@@ -42,10 +43,9 @@ from madrob_console.referee.acts import (
     Void,
     ZeroHandle,
 )
-from madrob_console.referee.acts.correct import last_decision
 from madrob_console.referee.checks import CheckState
 from madrob_console.referee.journal import HOLD_FILE, read_journal
-from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
+from madrob_console.referee.records import CheckName, DecisionKind, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import Bag
@@ -59,6 +59,8 @@ from tests.madrob_console.robots import Played, Robot
 from tests.slowly import slow_but_for
 from tests.watching import until
 
+TYPES = MessageTypes()
+
 
 def value(path: Path, name: IndicatorName) -> float:
     found: float = document(path)["indicators"][name]["value"]
@@ -66,12 +68,10 @@ def value(path: Path, name: IndicatorName) -> float:
 
 
 def test_a_nominal_run_is_completed_recorded_scored_and_told(drive: Drive) -> None:
-    drive.whole_run(make_setup())
-    scored = drive.engine.scored
-    assert scored is not None
-    assert scored.result.outcome is Outcome.COMPLETED
-    assert all(i.value is not None for i in scored.result.indicators.values())
-    assert scored.result.quality.remarks == ()
+    drive.start(make_setup())
+    result = drive.result()
+    assert (result.outcome, result.quality.remarks) == (Outcome.COMPLETED, ())
+    assert all(i.value is not None for i in result.indicators.values())
     assert value(drive.folder, IndicatorName.TIME_TO_HANDLE) > 1.0  # by the handle's zero
     names = {path.name for path in drive.folder.iterdir()}
     prefix = "subject_003_cond_001_run_001"
@@ -145,7 +145,7 @@ def test_a_ruling_after_the_stop_changes_the_result_on_disk_and_keeps_what_was_f
     assert value(drive.folder, IndicatorName.CAPABILITY_LEVEL) == 3
     assert step["sensors"] is not None
     assert (step["referee"]["reason"], step["final"]) == ("arm only", None)
-    assert next(score(drive.folder)).result == drive.engine.scored.result  # type: ignore[union-attr]
+    assert drive.rescored() == drive.result()
 
 
 def test_without_a_testbed_nothing_starts_and_nothing_is_shown_as_good(drive: Drive) -> None:
@@ -204,24 +204,17 @@ def test_every_act_and_change_is_in_journal_and_bag_with_a_second_around_the_run
     ]
     assert {e.referee for e in entries if e.origin == "referee"} == {"R. Eferee"}
     messages = list(Bag(drive.folder).messages())
-    said = [m for m in messages if m.topic.startswith("/madrob/referee/")]
-    assert [m.topic.rpartition("/")[2] for m in said[:3]] == ["event", "start_pose", "state"]
-    counted = [m for m in said if m.topic == REFEREE_EVENT_TOPIC]
-    assert len(counted) == len(entries) - 1  # the result is written after the bag is closed
-    states = [
-        json.loads(decode_text(MessageTypes(), m.data))
-        for m in said
-        if m.topic == REFEREE_STATE_TOPIC
-    ]
-    phases = [state["phase"] for state in states]
-    assert phases == ["ready", "countdown", "countdown", "running", "stopped"]
-    starts = [state["start_time"] for state in states]
+    said = [m.topic for m in messages if m.topic.startswith("/madrob/referee/")]
+    assert [topic.rpartition("/")[2] for topic in said[:3]] == ["event", "start_pose", "state"]
+    # the result is written after the bag is closed
+    assert said.count(REFEREE_EVENT_TOPIC) == len(entries) - 1
+    states = [json.loads(decode_text(TYPES, one)) for one in drive.recorded(REFEREE_STATE_TOPIC)]
+    phases, starts = zip(*((state["phase"], state["start_time"]) for state in states), strict=True)
+    assert phases == ("ready", "countdown", "countdown", "running", "stopped")
     assert starts[2] == pytest.approx(starts[1] + 0.3, abs=0.05)
-    times, run = [m.receive_ns / 1e9 for m in messages], drive.engine.run
-    assert run.start is not None
-    assert run.stop is not None
-    assert min(times) <= run.start - 0.99
-    assert max(times) >= run.stop + 1.0 + 0.99  # the settle time, then the post-roll
+    times, stop = [m.receive_ns / 1e9 for m in messages], drive.result().stop
+    assert min(times) <= drive.start_time - 0.99
+    assert max(times) >= (stop or 0.0) + 1.0 + 0.99  # the settle time, then the post-roll
 
 
 SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee")
@@ -266,19 +259,15 @@ class Watch:
             self._tell(f"{module}.{name}", frame)
 
     def _tell(self, what: str, frame: FrameType | None) -> None:
-        where = list[str]()
-        while frame is not None and len(where) < _FRAMES:
-            where.append(f"{frame.f_code.co_filename.rpartition('/')[2]}:{frame.f_lineno}")
-            frame = frame.f_back
-        self.found.add(f"{what}: {' < '.join(where)}")
+        self.found.add(f"{what}: {''.join(format_stack(frame, _FRAMES))}")
 
 
-_watch: Watch | None = None
+_watches: list[Watch] = []
 
 
 def _audited(event: str, arguments: tuple[object, ...]) -> None:
-    if _watch is not None:
-        _watch.audited(event, arguments)
+    for watch in _watches:
+        watch.audited(event, arguments)
 
 
 sys.addaudithook(_audited)  # for good: it cannot be taken away again
@@ -287,14 +276,14 @@ sys.addaudithook(_audited)  # for good: it cannot be taken away again
 @contextmanager
 def watched() -> Iterator[Watch]:
     """Watch each engine that is made inside."""
-    global _watch  # noqa: PLW0603  so is the hook that reads it
-    _watch = Watch()
-    threading.setprofile(_watch.profiled)
+    watch = Watch()
+    _watches.append(watch)
+    threading.setprofile(watch.profiled)
     try:
-        yield _watch
+        yield watch
     finally:
         threading.setprofile(None)
-        _watch = None
+        _watches.clear()
 
 
 @pytest.mark.machine
@@ -320,9 +309,8 @@ def test_the_core_touches_no_file_and_imports_nothing(tmp_path: Path) -> None:
         first = f"practice/{Path(local.snapshot().folder or '').name}"
         done(Rule(Step.TOUCH, confirmed=False, reason="video"), SIGNED, Reissue("appeal"), SIGNED)
         done(Void("unsafe"), Correct(3, Condition.from_number(11), "typed wrongly"))
-        last = last_decision(local.snapshot().run)
-        assert last is not None
-        done(TakeBack(last.kind, last.time, "my mistake"), SIGNED)
+        last = local.snapshot().run.corrections[-1].time
+        done(TakeBack(DecisionKind.CORRECTION, last, "my mistake"), SIGNED)
         number = local.send_request(NextRunNumber(3, 1, practice=True))
         done(SetUp(make_setup(run_number=number, countdown=5.0)))
         until(lambda: local.snapshot().run.phase is Phase.READY)

@@ -110,11 +110,6 @@ class Watched(Drive):
         self.engine = Engine(self.source, self.clock, config, types, evidence_client=self.evidence)
         self.engine.open()
 
-    @property
-    def start_time(self) -> float:
-        assert self.engine.run.start is not None
-        return self.engine.run.start
-
     def log(self) -> list[str]:
         lines = [line.text.partition("evidence: ") for line in self.engine.log.lines]
         return [text for before, _, text in lines if text and not before]

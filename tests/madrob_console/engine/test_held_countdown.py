@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from madrob_console.archive import score
 from madrob_console.archive.collection import matches
 from madrob_console.archive.history import History
 from madrob_console.cli.unattended_run import UnattendedRun
@@ -136,7 +135,7 @@ def test_a_run_that_is_aborted_or_cut_off_while_it_is_held_never_began(
         shown = drive.engine.snapshot()
         assert (shown.run.outcome, shown.run.held) == (outcome, None)
         assert shown.elapsed == pytest.approx(-left, abs=0.1)
-        assert next(score(drive.folder)).result == shown.result
+        assert drive.rescored() == shown.result
         assert not any(step.done for step in shown.steps)
         drive.engine.close()
 

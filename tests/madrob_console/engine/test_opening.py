@@ -75,14 +75,13 @@ def opened(folder: Path) -> Iterator[Drive]:
 
 
 def test_an_opened_run_shows_the_same_digits_and_writes_nothing(drive: Drive) -> None:
-    drive.whole_run(make_setup())
-    folder, live = drive.folder, drive.engine.scored
-    assert live is not None
+    drive.start(make_setup())
+    live, folder = drive.result(), drive.folder
     drive.engine.close()
     before = files(folder)
     with opened(folder) as later:
         snapshot = later.engine.snapshot()
-        assert (snapshot.opened, snapshot.result) == (True, live.result)
+        assert (snapshot.opened, snapshot.result) == (True, live)
         assert (snapshot.run.phase, snapshot.run.issue) == (Phase.STOPPED, 1)
         assert files(folder) == before | {HOLD_FILE: b""}
     assert files(folder) == before

@@ -202,8 +202,7 @@ def test_its_bytes_are_those_that_are_made_here(
         drive.finish()
         drive.verify()
         assert twins.pairs >= 4
-        assert drive.engine.scored is not None
-        assert DOOR in "".join(drive.engine.scored.result.quality.remarks)
+        assert DOOR in "".join(drive.result().quality.remarks)
         drive.engine.close()
 
 
@@ -246,9 +245,8 @@ def stopped_run(drive: Referee, seconds: float, rate: float, strips: Sequence[St
 
     until(started)
     drive.wait_until(lambda: drive.engine.run.phase is Phase.RUNNING)
-    course, start = drive.engine._core.observation.tracker, drive.engine.run.start
+    course, start = drive.engine._core.observation.tracker, drive.start_time
     assert course is not None
-    assert start is not None
     for number in range(int(seconds * rate)):
         at = start + 30.0 + number / rate
         course.feed(DoorSample(at, at, 0.5 + 0.4 * math.sin(number / rate / 1.5)))
@@ -315,8 +313,7 @@ def test_an_engine_that_is_closed_in_a_run_has_its_result(
     drive.start(make_setup())
     drive.wait(4.0)
     drive.engine.close()
-    assert drive.engine.scored is not None
-    assert drive.engine.scored.result.outcome == "interrupted"
+    assert drive.result().outcome == "interrupted"
     assert (drive.folder / "result.json").exists()
 
 
