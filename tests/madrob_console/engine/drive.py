@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -149,14 +150,18 @@ class Drive:
 
         until(lambda: newest() > now - _ON_DISK_NS)
 
+    def cut_off_copy(self, results: Path) -> Path:
+        """Another results folder with the run as a kill of the engine would leave it now."""
+        self.wait_for_disk()
+        place = self.folder.relative_to(self.engine.config.results)
+        return Path(shutil.copytree(self.folder, results / place))
+
     def open(self, folder: Path, *, invalid: bool = False) -> str | None:
         """Open an earlier run; why that is refused."""
         told: list[str | None] = []
         self.engine.open_run(self.engine.read_run(folder).result(), told.append, invalid=invalid)
-        while not told:
-            self.engine.step(STEP)
-        (refused,) = told
-        return refused
+        self.wait_until(lambda: bool(told))
+        return told[0]
 
     def act(self, *acts: Act) -> None:
         for act in acts:

@@ -230,9 +230,7 @@ def test_a_run_whose_engine_was_ended_is_scored_with_what_is_in_its_files(
 ) -> None:
     drive.start(make_setup())
     drive.wait(6.0)
-    drive.wait_for_disk()
-    folder = tmp_path / "later" / drive.folder.relative_to(tmp_path / "runs")
-    shutil.copytree(drive.folder, folder)
+    folder = drive.cut_off_copy(tmp_path / "later")
     drive.engine.close()
     write_rest(folder)
     later = Drive(tmp_path / "later")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -122,13 +121,12 @@ def test_a_run_that_is_aborted_or_cut_off_while_it_is_held_never_began(
 ) -> None:
     left = hold(hall)
     hall.wait(LONG)
-    hall.wait_for_disk()
-    entries, _ = read_journal(hall.folder / "journal.jsonl")
+    killed = hall.cut_off_copy(tmp_path / "killed")
+    entries, _ = read_journal(killed / "journal.jsonl")
     assert [entry.what for entry in entries][-2:] == [Change.FALSE_START, Change.COUNTDOWN_HELD]
     assert rebuild(entries).held == hall.engine.run.held
-    killed = shutil.copytree(hall.folder, tmp_path / "killed" / hall.folder.name)
     hall.act(Abort("robot unsafe"))
-    other = Drive(killed.parent)
+    other = Drive(tmp_path / "killed")
     assert other.open(killed) is None
     for drive, outcome in ((hall, Outcome.ABORTED), (other, Outcome.INTERRUPTED)):
         drive.finish()

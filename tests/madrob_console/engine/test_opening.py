@@ -26,6 +26,8 @@ from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, document, make_setup
 from tests.madrob_console.recorded_runs import completed, without_digests
 
+SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "Ada")
+
 
 def finished(results: Path, run_number: int = 1) -> Path:
     """A completed run on disk."""
@@ -35,18 +37,13 @@ def finished(results: Path, run_number: int = 1) -> Path:
 
 def cut_off(results: Path, *acts: Act) -> Path:
     """A run whose engine was killed: no stop in the journal, no result, no end of the bag."""
-    drive = Drive(results)
+    drive = Drive(results.with_name("before"))
     drive.start(make_setup())
     drive.wait(6.0)
     for act in acts:
         drive.engine.submit(act, lambda _refused: None)
-    folder = drive.folder
-    drive.wait_for_disk()
-    copy = results / "copy"
-    shutil.copytree(folder, copy)
+    folder = drive.cut_off_copy(results)
     drive.engine.close()
-    shutil.rmtree(folder)
-    copy.rename(folder)
     return folder
 
 
@@ -87,26 +84,13 @@ def test_an_opened_run_shows_the_same_digits_and_writes_nothing(drive: Drive) ->
     assert files(folder) == before
 
 
-def test_a_run_that_was_re_issued_by_other_rules_is_ruled_and_signed_by_these(
-    folder: Path,
-) -> None:
-    issued_by_other_rules(folder)
-    with opened(folder) as drive:
-        assert drive.engine.run.ruleset == RulesetName.EUROBENCH_2020
-        assert all(step.done for step in drive.engine.snapshot().steps)
-        drive.act(Rule(Step.CROSS, False, "came back"), Finalise(TeamWord.ACKNOWLEDGED, "Ada"))
-    assert (document(folder)["issue"], document(folder)["ruleset"]) == (2, "eurobench-2020")
-    assert document(folder)["closure"]["team_word"] == "acknowledged"
-    assert check_run(RunPath(folder)).grade is Grade.SAME
-
-
 @pytest.mark.parametrize("final", [False, True])
-def test_a_run_that_was_re_issued_while_it_was_read_is_opened_once_it_is_read_again(
+def test_a_run_re_issued_while_it_was_read_is_read_again_and_goes_on_by_its_rules(
     folder: Path, *, final: bool
 ) -> None:
     if final:
         with opened(folder) as drive:
-            drive.act(Finalise(TeamWord.ACKNOWLEDGED, "Ada"))
+            drive.act(SIGNED)
     drive = Drive(folder.parent)
     read = drive.engine.read_run(folder).result()
     issued_by_other_rules(folder)
@@ -116,10 +100,17 @@ def test_a_run_that_was_re_issued_while_it_was_read_is_opened_once_it_is_read_ag
     assert (drive.engine.run.phase, drive.engine.folder) == (Phase.IDLE, None)
     assert not is_held(folder / "journal.jsonl")
     assert files(folder) == before
-    assert drive.open(folder) is None
-    assert (drive.engine.run.issue, drive.engine.run.phase) == (2, Phase.STOPPED)
-    assert drive.engine.run.ruleset == RulesetName.EUROBENCH_2020
-    drive.engine.close()
+    with opened(folder) as drive:
+        run = drive.engine.run
+        assert (run.issue, run.phase, run.ruleset) == (
+            *(2, Phase.STOPPED, RulesetName.EUROBENCH_2020),
+        )
+        drive.act(Rule(Step.CROSS, False, "came back"), SIGNED)
+    stored = document(folder)
+    assert (stored["issue"], stored["ruleset"], stored["closure"]["team_word"]) == (
+        *(2, "eurobench-2020", "acknowledged"),
+    )
+    assert check_run(RunPath(folder)).grade is Grade.SAME
 
 
 @pytest.mark.parametrize(
@@ -130,26 +121,27 @@ def test_a_run_that_was_re_issued_while_it_was_read_is_opened_once_it_is_read_ag
 def test_a_run_that_was_cut_off_is_found_and_scored_as_it_stopped(
     tmp_path: Path, acts: Sequence[Act], outcome: Outcome
 ) -> None:
-    folder = cut_off(tmp_path, *acts)
-    finished(tmp_path, run_number=2)
-    (unfinished,) = Drive(tmp_path).engine.snapshot().unfinished
+    results = tmp_path / "results"
+    folder = cut_off(results, *acts)
+    finished(results, run_number=2)
+    (unfinished,) = Drive(results).engine.snapshot().unfinished
     assert (unfinished.folder, unfinished.phase) == (f"practice/{folder.name}", Phase.RUNNING)
     assert unfinished.recorded == sum(p.stat().st_size for p in folder.glob("*.mcap")) > 0
-    if not acts:
-        assert unfinished.last_event == "door opens"
-        words = "practice run 1 of subject 3 Delft was cut off while running, last line +"
-        assert unfinished.words.startswith(words)
+    words = "practice run 1 of subject 3 Delft was cut off while running, last line +"
+    assert unfinished.words.startswith(words)
+    assert acts or unfinished.last_event == "door opens"
     for _ in range(2):
-        with opened(folder) as drive:
-            drive.finish()
-            shown = drive.engine.snapshot()
-            assert (shown.run.outcome, shown.unfinished) == (outcome, ())
-            assert 0 < (shown.elapsed or 0) < 10
-            stored = document(folder)
-            assert stored["outcome"] == outcome
-            assert stored["outcome_reason"] == ("gave up" if acts else shown.run.outcome_reason)
-            assert stored["indicators"]["time_to_handle"]["value"] is not None
-            assert check_run(RunPath(folder)).differences == ()
+        drive = Drive(results)
+        assert drive.open(folder) is None
+        drive.finish()
+        shown, stored = drive.engine.snapshot(), document(folder)
+        assert (shown.run.outcome, shown.unfinished, stored["outcome"]) == (outcome, (), outcome)
+        assert 0 < (shown.elapsed or 0) < 10
+        assert stored["outcome_reason"] == shown.run.outcome_reason
+        assert not acts or shown.run.outcome_reason == "gave up"
+        assert stored["indicators"]["time_to_handle"]["value"] is not None
+        assert check_run(RunPath(folder)).differences == ()
+        drive.engine.close()
 
 
 def test_no_run_is_opened_while_one_goes_on_nor_by_two_consoles(
@@ -205,9 +197,8 @@ def never_started(results: Path) -> Path:
         if path.suffix not in (".mcap", ".jsonl") and path.name != "metadata.yaml":
             path.unlink()
     journal = folder / "journal.jsonl"
-    lines = journal.read_text().splitlines(keepends=True)
-    begins = next(n for n, line in enumerate(lines) if '"what": "countdown begins"' in line)
-    journal.write_text("".join(lines[:begins]))
+    before, _, _ = journal.read_text().partition('"what": "countdown begins"')
+    journal.write_text(before[: before.rindex("\n") + 1])
     return folder
 
 

@@ -75,10 +75,10 @@ def test_every_result_that_is_on_disk_is_told(tmp_path: Path) -> None:
         Rule(Step.TOUCH, confirmed=False, reason="seen again"),
     )
     drive.start(make_setup(run_number=2))
-    left = tmp_path / "of a machine that failed" / drive.folder.name
-    shutil.copytree(drive.folder, left)
+    drive.wait(0.5)
+    left = drive.cut_off_copy(tmp_path / "of a machine that failed")
     drive.engine.close()
-    later = Drive(left.parent)
+    later = Drive(tmp_path / "of a machine that failed")
     later.engine.make_reports = tell
     assert later.open(left) is None
     later.engine.close()
@@ -369,7 +369,7 @@ def test_an_engine_makes_reports_when_no_run_goes_on_even_as_its_last_deed(tmp_p
         engine.start(make_setup(run_number=2, countdown=1.0))
         until(lambda: not making())  # a process that goes on ends for it, and no zombie stays
         assert engine.snapshot().run.active
-    until(lambda: len(list(tmp_path.rglob("report.html"))) == 2)
+    until(lambda: len(list(tmp_path.rglob("report.html"))) == 2, MINUTES)
     assert all("</html>" in path.read_text() for path in tmp_path.rglob("report.html"))
     assert not [p for p in tmp_path.rglob(".*") if p.parent != tmp_path]
 
