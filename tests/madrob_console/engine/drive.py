@@ -173,10 +173,14 @@ class Drive:
         self.wait(1.5)
         self.act(ZeroHandle(), ConfirmPose())
 
-    def start(self, setup: RunSetup) -> None:
-        """Prepare and wait until the run goes on."""
+    def count_down(self, setup: RunSetup) -> None:
+        """Prepare, and begin the countdown."""
         self.prepare(setup)
         self.act(Start())
+
+    def start(self, setup: RunSetup) -> None:
+        """Prepare and wait until the run goes on."""
+        self.count_down(setup)
         self.wait_until(lambda: self.engine.run.phase is Phase.RUNNING)
 
     def check(self, name: CheckName) -> str:

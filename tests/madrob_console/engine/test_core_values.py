@@ -96,16 +96,14 @@ from scoring.protocol import (
 from scoring.result import Ending
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine.test_run_values import (
-    RECORD,
-    RUN,
-    START,
-    evidence,
-)
-from tests.madrob_console.engine.test_sensor_values import (
     DOOR,
     NOW,
     NUMBERS,
+    RECORD,
+    RUN,
+    START,
     TOPICS,
+    evidence,
     handle,
     skewed,
     status,

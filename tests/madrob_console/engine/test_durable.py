@@ -419,8 +419,7 @@ def test_whatever_fails_journal_bag_result_and_screen_say_what_was_answered(
     with TemporaryDirectory() as root:
         scorer = HeldScorer()
         hall = HeldDrive(Path(root), scorer)
-        hall.prepare(make_setup(countdown=1.0, timeout=2.0))
-        hall.act(Start())
+        hall.count_down(make_setup(countdown=1.0, timeout=2.0))
         begun = len(hall.lines())
         acts = [do(hall, scorer, deed) for deed in deeds]
         scorer.held = False
@@ -450,8 +449,7 @@ def test_whatever_fails_journal_bag_result_and_screen_say_what_was_answered(
 
 def test_an_act_that_the_disk_takes_as_the_run_ends_counts_in_no_result(tmp_path: Path) -> None:
     hall, answers = HeldDrive(tmp_path, HeldScorer()), list[str | None]()
-    hall.prepare(make_setup(countdown=1.0))
-    hall.act(Start())
+    hall.count_down(make_setup(countdown=1.0))
     hall.disk.held = True
     hall.engine.submit(RestartCountdown("not ready"), answers.append)
     hall.pass_time(0.7)

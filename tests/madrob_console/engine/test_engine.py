@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from io import BytesIO, StringIO
 from pathlib import Path
 from traceback import format_stack
@@ -16,6 +17,11 @@ from types import FrameType
 import pytest
 
 from madrob_console.archive import score
+from madrob_console.archive.collection import matches
+from madrob_console.archive.history import History
+from madrob_console.cli.unattended_run import UnattendedRun
+from madrob_console.common.errors import MadrobError
+from madrob_console.engine.playback import JumpTo
 from madrob_console.engine.requests import NextRunNumber, OpenRun
 from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.runtime.scoring_process import ScoringProcess
@@ -24,9 +30,11 @@ from madrob_console.messages.codec import (
     REFEREE_STATE_TOPIC,
     decode_text,
 )
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.message_types import Message, MessageTypes
 from madrob_console.referee.acts import (
     Abort,
+    AcceptDoubts,
+    AcceptFalseStart,
     Act,
     AddNote,
     ConfirmPose,
@@ -44,17 +52,21 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.checks import CheckState
+from madrob_console.referee.flags import waiting_doubts
 from madrob_console.referee.journal import HOLD_FILE, read_journal
+from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import CheckName, DecisionKind, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
+from madrob_console.referee.team_list import TeamList
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import Bag
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Condition, LockDetection, Outcome, Step
+from scoring.protocol import Condition, EventName, LockDetection, Outcome, Step
 from scoring.rulesets import RulesetName
-from tests.madrob_console.engine.drive import Deck, Drive, document, make_setup
+from tests.madrob_console.engine.drive import Deck, Drive, FaultyDrive, document, make_setup
 from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.engine.served import act, kept_running, simulated, start
+from tests.madrob_console.engine.spoilt import DOOR, HANDLE, set_value
 from tests.madrob_console.robots import Played, Robot
 from tests.slowly import slow_but_for
 from tests.watching import until
@@ -325,3 +337,145 @@ def test_the_core_touches_no_file_and_imports_nothing(tmp_path: Path) -> None:
         assert local.snapshot().run.phase is Phase.FINAL
         assert watch.calls > 10_000
         assert not watch.found, "\n".join(sorted(watch.found))
+
+
+LONG = 3.0
+"""s that a countdown is held, longer than it takes."""
+
+
+def hold(hall: FaultyDrive) -> float:
+    """A run whose countdown of 2 s is held after half a second; returns what is left of it, s."""
+    hall.count_down(make_setup())
+    hall.wait(0.5)
+    hall.touch()
+    left = hall.engine.snapshot().remaining
+    assert left is not None
+    assert 0.5 < left < 1.5
+    return left
+
+
+def test_a_held_countdown_goes_on_where_it_was_once_all_is_accepted_or_begins_anew(
+    hall: FaultyDrive,
+) -> None:
+    left = hold(hall)
+    hall.touch(DOOR, 0.4)  # all while it is held is one question
+    hall.wait(LONG)
+    shown, states = hall.engine.snapshot(), hall.published(REFEREE_STATE_TOPIC)
+    assert (shown.run.phase, shown.remaining) == (Phase.COUNTDOWN, left)
+    assert shown.elapsed == pytest.approx(-left)
+    assert [mark.event for mark in shown.run.false_starts] == [
+        EventName.HANDLE_IS_TOUCHED,
+        EventName.DOOR_OPENS,
+    ]
+    assert [state["start_time"] is None for state in states[-2:]] == [False, True]
+    assert [line.relative for line in hall.engine.log.lines][-1] is None
+    hall.act(AcceptFalseStart("nothing gained"))
+    again = hall.engine.snapshot()
+    assert (again.run.held, again.remaining) == (None, pytest.approx(left))
+    assert {mark.accepted for mark in again.run.false_starts} == {"nothing gained"}
+    assert hall.start_time == pytest.approx(again.time + left, abs=1e-6)
+    assert hall.published(REFEREE_STATE_TOPIC)[-1]["start_time"] == hall.start_time
+    hall.wait(0.1)
+    hall.touch()  # a later touch is another one
+    marks = hall.engine.run.false_starts
+    assert [mark.accepted is None for mark in marks] == [False, False, True]
+    hall.wait(LONG)
+    hall.act(RestartCountdown())
+    assert hall.engine.snapshot().remaining == pytest.approx(2.0, abs=0.1)
+    assert hall.same_everywhere().outcome is Outcome.COMPLETED
+    assert hall.engine.run.undecided_false_start is None
+    deck = Deck(hall.folder)
+    deck.do(JumpTo(-2.5))
+    assert (deck.shown.run.phase, deck.shown.run.held is None) == (Phase.COUNTDOWN, False)
+
+
+def test_an_undecided_false_start_is_signed_only_by_who_knows_of_it(
+    hall: FaultyDrive, tmp_path: Path
+) -> None:
+    hall.count_down(make_setup())
+    hall.wait(1.95)
+    hall.source.deliver(lambda at_ns: at_ns + 60_000_000)  # it is heard of after the start
+    hall.touch()
+    run = hall.engine.run
+    assert (run.phase, run.held) == (Phase.RUNNING, None)
+    assert run.undecided_false_start is not None
+    assert run.undecided_false_start.time < hall.start_time
+    assert hall.same_everywhere().outcome is Outcome.COMPLETED
+    words = "1 false start UNDECIDED (handle touched)"
+
+    def flagged() -> str:
+        """In the words of result, list and screen, which are the same."""
+        stored = document(hall.folder)["flags"][0]["words"]
+        (listed,) = History(tmp_path).refresh()
+        assert stored == listed.flags[0].words == hall.engine.snapshot().flags[0].words
+        assert matches(listed, "undecided") is (stored == words)
+        return str(stored)
+
+    hall.act(AcceptDoubts(waiting_doubts(hall.engine.situation().indicators, ()), "late messages"))
+    refused = hall.engine.perform(SIGNED)
+    assert refused == f"decide it first, or sign it knowing so: {words}"
+    hall.act(replace(SIGNED, undecided=(words,)))
+    assert flagged() == words
+    hall.act(Reissue("it was seen"), AcceptFalseStart("a draught"), SIGNED)
+    assert flagged() == "1 false start accepted"
+    assert document(hall.folder)["false_starts"][0]["accepted"] == "a draught"
+
+
+def test_a_run_that_is_aborted_or_cut_off_while_it_is_held_never_began(
+    hall: FaultyDrive, tmp_path: Path
+) -> None:
+    left = hold(hall)
+    hall.wait(LONG)
+    killed = hall.cut_off_copy(tmp_path / "killed")
+    entries, _ = read_journal(killed / "journal.jsonl")
+    assert [entry.what for entry in entries][-2:] == [Change.FALSE_START, Change.COUNTDOWN_HELD]
+    assert rebuild(entries).held == hall.engine.run.held
+    hall.act(Abort("robot unsafe"))
+    other = Drive(tmp_path / "killed")
+    assert other.open(killed) is None
+    for drive, outcome in ((hall, Outcome.ABORTED), (other, Outcome.INTERRUPTED)):
+        drive.finish()
+        shown = drive.engine.snapshot()
+        assert (shown.run.outcome, shown.run.held) == (outcome, None)
+        assert shown.elapsed == pytest.approx(-left, abs=0.1)
+        assert drive.rescored() == shown.result
+        assert not any(step.done for step in shown.steps)
+        drive.engine.close()
+
+
+@pytest.mark.parametrize(
+    ("waive", "accept", "outcome"),
+    [
+        (None, None, None),
+        ("a guest", None, Outcome.ABORTED),
+        ("a guest", "a sensor test", Outcome.COMPLETED),
+    ],
+)
+def test_a_run_without_screens_goes_on_without_a_referee_only_as_it_was_told(
+    hall: FaultyDrive,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    waive: str | None,
+    accept: str | None,
+    outcome: Outcome | None,
+) -> None:
+    monkeypatch.setattr(hall.engine, "open", lambda: None)  # it is open
+    hall.engine.set_teams(TeamList({3: "Delft"}))
+    began = hall.engine.now()
+
+    def pulled(message: Message) -> None:
+        if began + 2.0 < hall.engine.now() < began + 2.6:
+            set_value(message, 40.0)
+
+    hall.source.fake(HANDLE, pulled)
+    run, guest = UnattendedRun(hall.engine, None), replace(make_setup(), subject=9, team="")
+    if outcome is None:
+        with pytest.raises(MadrobError, match="9 is not in the list"):
+            run.go(lambda simulated: guest, 20.0, waive, accept)
+        assert hall.engine.now() < began + 10.0
+        return
+    assert run.go(lambda simulated: guest, 20.0, waive, accept) is outcome
+    (mark,) = hall.engine.run.false_starts
+    assert mark.accepted == accept
+    told = "--accept-false-start WHY lets a false start pass" in capsys.readouterr().out
+    assert told is (accept is None)

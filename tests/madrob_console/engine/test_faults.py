@@ -156,8 +156,7 @@ def stutter(hall: FaultyDrive, seed: int) -> None:
 @pytest.mark.parametrize("seed", slow_but_for(range(1, 13), 1, 4))
 def test_on_a_machine_that_stutters_no_clean_run_is_flagged(hall: FaultyDrive, seed: int) -> None:
     condition = Condition.from_number(1 + 5 * (seed % 4))  # no force
-    hall.prepare(make_setup(condition, countdown=1.0))
-    hall.act(Start())
+    hall.count_down(make_setup(condition, countdown=1.0))
     stutter(hall, seed)
     result, run = hall.result(), hall.engine.run
     assert result.outcome is Outcome.COMPLETED

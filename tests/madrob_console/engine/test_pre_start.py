@@ -8,7 +8,6 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import astuple, replace
-from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -19,8 +18,6 @@ from madrob_console.archive.folders import NUMBERS_FILE, PRACTICE_FOLDER
 from madrob_console.archive.history import History
 from madrob_console.archive.run_paths import RunPath, runs_at
 from madrob_console.archive.scored import read_recorded_run
-from madrob_console.cli.unattended_run import UnattendedRun
-from madrob_console.common.errors import MadrobError
 from madrob_console.config import Settings
 from madrob_console.engine.runtime.list_watch import ListWatch, follow_lists
 from madrob_console.messages.codec import encode_text
@@ -44,7 +41,6 @@ from madrob_console.testbeds.announcement import (
 )
 from madrob_console.testbeds.simulated import SensorSettings
 from recorder.bag import RawMessage
-from scoring.protocol import Outcome
 from tests.madrob_console.engine.drive import Drive, FaultyDrive, document, make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.engine.spoilt import Edit
@@ -460,19 +456,3 @@ def test_what_differs_from_the_settings_is_said_before_the_start(tmp_path: Path)
     assert Start.impossible(drive.engine.situation()) is None
     drive.prepare(usual(make_setup()))
     assert CheckName.SETTINGS not in [check.name for check in drive.engine.snapshot().checks]
-
-
-@pytest.mark.parametrize("waive", [None, "a guest"])
-def test_a_run_without_screens_waits_for_no_team_and_takes_the_waiver(
-    hall: FaultyDrive, monkeypatch: pytest.MonkeyPatch, waive: str | None
-) -> None:
-    monkeypatch.setattr(hall.engine, "open", lambda: None)  # it is open
-    hall.engine.set_teams(TeamList({3: "Delft Walkers"}))
-    run, began = UnattendedRun(hall.engine, None), hall.engine.now()
-    go = partial(run.go, lambda simulated: NINE, 20.0, waive)
-    if waive is None:
-        with pytest.raises(MadrobError, match=re.escape(f"start refused: {UNLISTED}")):
-            go()
-        assert hall.engine.now() < began + 10.0
-    else:
-        assert go() is Outcome.TIMEOUT
