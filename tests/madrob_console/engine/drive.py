@@ -197,7 +197,7 @@ class Drive:
         assert self.engine.run.start is not None
         return self.engine.run.start
 
-    def result(self) -> Result:
+    def scored_result(self) -> Result:
         """The run's result, waited for."""
         self.finish()
         assert self.engine.scored is not None
@@ -219,7 +219,7 @@ class Drive:
 
     def same_everywhere(self) -> Result:
         """The result, waited for; the run scored again and replayed has the same one."""
-        result = self.result()
+        result = self.scored_result()
         assert self.rescored() == result
         deck = Deck(self.folder, speed=0.0)
         deck.to_the_end()

@@ -23,7 +23,8 @@ from madrob_console.engine.runtime.disk import DiskThreads
 from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.runtime.reports import Reporting
 from madrob_console.engine.runtime.scorer import Scorer
-from madrob_console.engine.runtime.supervisor import Supervisor, Worker
+from madrob_console.engine.runtime.scoring_process import ScoringProcess
+from madrob_console.engine.runtime.supervisor import Supervisor
 from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.messages.message_types import MessageTypes
@@ -51,15 +52,15 @@ def simulated(
     return Engine(source, clock, config, types, disk=DiskThreads.threads(), scorer=scorer)
 
 
-W = TypeVar("W", bound=Worker)
+W = TypeVar("W", bound=ScoringProcess)
 
 
 @contextmanager
-def kept_running(worker: W) -> Iterator[W]:
+def kept_running(scorer: W) -> Iterator[W]:
     """A supervisor keeps its process running, inside."""
-    with closing(Supervisor(worker)):
-        worker.warm()
-        yield worker
+    with closing(Supervisor(scorer)):
+        scorer.warm()
+        yield scorer
 
 
 class Served:

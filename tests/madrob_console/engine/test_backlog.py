@@ -119,7 +119,7 @@ def test_an_abort_takes_effect_though_hundreds_of_messages_wait_and_all_are_judg
     assert (drive.engine.run.phase, drive.engine.run.stop) == (Phase.STOPPED, said)
     drive.hold_up(1.5)  # the post-roll is over, and what it recorded waits
     assert drive.engine.scored is None
-    result = drive.result()
+    result = drive.scored_result()
     assert drive.rescored() == result
 
 
@@ -137,7 +137,7 @@ def test_a_timeout_is_judged_by_all_that_was_measured_before_it(
     drive.hold_up(0.5)
     run = drive.engine.run
     assert (run.phase, run.timeout_at is not None) == (Phase.RUNNING, True)
-    result = drive.result()
+    result = drive.scored_result()
     assert drive.engine.run.outcome is Outcome.COMPLETED
     assert drive.rescored() == result
     for topic in drive.topics():

@@ -117,7 +117,7 @@ def test_a_fault_in_a_run_is_named_within_2_s_recorded_marked_and_blocks_no_stop
     name = SIGNALS[topic].value
     hall.spoilt_run(topic, case.fault)
     assert hall.seen_after(hall.faults, f"{name}: .*({case.words})") <= 2.0
-    result, run = hall.result(), hall.engine.run
+    result, run = hall.scored_result(), hall.engine.run
     if topic in case.stopping:
         assert (run.outcome, run.stop) == (Outcome.TIMEOUT, result.start + TIMEOUT)
     else:
@@ -158,7 +158,7 @@ def test_on_a_machine_that_stutters_no_clean_run_is_flagged(hall: FaultyDrive, s
     condition = Condition.from_number(1 + 5 * (seed % 4))  # no force
     hall.count_down(make_setup(condition, countdown=1.0))
     stutter(hall, seed)
-    result, run = hall.result(), hall.engine.run
+    result, run = hall.scored_result(), hall.engine.run
     assert result.outcome is Outcome.COMPLETED
     assert serious(hall.engine.snapshot().flags) == (), result.doubts
     kinds = [fault.kind for fault in run.faults]
@@ -184,7 +184,7 @@ def test_a_topic_that_was_silent_is_flagged_once_and_doubted(
     hall.source.spoil(topic, Fault.DIES)
     hall.wait(lasts)
     hall.source.heal(topic)
-    result, name = hall.result(), SIGNALS[topic].value
+    result, name = hall.scored_result(), SIGNALS[topic].value
     heavy = serious(hall.engine.snapshot().flags)
     assert undecided(heavy)
     (lost,) = [flag.words for flag in heavy if flag.kind is FlagKind.FAULT]
@@ -200,7 +200,7 @@ def test_numbers_at_the_end_of_what_a_float_holds_break_nothing(
     hall: FaultyDrive, topic: str
 ) -> None:
     hall.spoilt_run(topic, Fault.ENORMOUS)
-    result = hall.result()
+    result = hall.scored_result()
     assert hall.recorded(topic) == hall.handed(topic)
     assert hall.rescored() == result
     hall.act(SetUp(make_setup(run_number=2)))
@@ -236,7 +236,7 @@ def test_the_name_behind_an_index_is_looked_at_and_doubted_where_it_changes(
     hall.begin()
     hall.wait(2.0)
     hall.source.fake(DOOR, joints_before())
-    result = hall.result()
+    result = hall.scored_result()
     assert result == hall.rescored()
     one_of_two = f"{DOOR}: position[0] is 'lock', one of 2 names: use position[name=...]"
     changed = f"{DOOR}: position[0] was 'lock', then 'door': use position[name=...]"

@@ -73,7 +73,7 @@ def opened(folder: Path) -> Iterator[Drive]:
 
 def test_an_opened_run_shows_the_same_digits_and_writes_nothing(drive: Drive) -> None:
     drive.start(make_setup())
-    live, folder = drive.result(), drive.folder
+    live, folder = drive.scored_result(), drive.folder
     drive.engine.close()
     before = files(folder)
     with opened(folder) as later:

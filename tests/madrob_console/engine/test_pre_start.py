@@ -73,8 +73,10 @@ def spoil(root: Path, how: str) -> None:
             practice.symlink_to(root)  # its runs would be found by nobody
 
 
-SPOILT = ("a file", "a file above", "a link to nowhere")
-SPOILT += ("numbers are a folder", "numbers are a link", "practice is a link")
+SPOILT = (
+    *("a file", "a file above", "a link to nowhere"),
+    *("numbers are a folder", "numbers are a link", "practice is a link"),
+)
 
 
 @pytest.mark.parametrize("how", SPOILT)
@@ -260,7 +262,7 @@ def drift(hall: FaultyDrive, by: float) -> None:
     hall.wait(2.0)
     before, after = SensorSettings().handle_rest
     hall.source.fake(HANDLE, shifted(by + before - after))
-    assert hall.result().rest.drift == pytest.approx(by, abs=0.1)  # type: ignore[union-attr]
+    assert hall.scored_result().rest.drift == pytest.approx(by, abs=0.1)  # type: ignore[union-attr]
     hall.source.heal(HANDLE)
     hall.act(SetUp(make_setup(run_number=2, countdown=1.0)))
     hall.wait(2.1)
@@ -288,7 +290,7 @@ def test_a_drift_can_be_waived_for_one_run_and_is_not_asked_about_later(
     (first,) = runs_at(tmp_path)
     hall.act(Waive(CheckName.HANDLE_ZERO, "the cable was pulled"), ConfirmPose())
     hall.begin()
-    assert "check waived: handle zero: the cable was pulled" in hall.result().quality.remarks
+    assert "check waived: handle zero: the cable was pulled" in hall.scored_result().quality.remarks
     zero = msgspec.to_builtins(hall.engine.run.zero_samples)
     assert document(hall.folder)["zero_samples"] == zero  # of the run before
     assert check_run(RunPath(hall.folder)).differences == ()

@@ -195,7 +195,7 @@ def test_its_bytes_are_those_that_are_made_here(
         drive.finish()
         drive.verify()
         assert twins.pairs >= 4
-        assert DOOR in "".join(drive.result().quality.remarks)
+        assert DOOR in "".join(drive.scored_result().quality.remarks)
         drive.engine.close()
 
 
@@ -234,7 +234,7 @@ def test_an_engine_that_is_closed_in_a_run_has_its_result(
     drive.start(make_setup())
     drive.wait(4.0)
     drive.engine.close()
-    assert drive.result().outcome == "interrupted"
+    assert drive.scored_result().outcome == "interrupted"
     assert (drive.folder / "result.json").exists()
 
 
