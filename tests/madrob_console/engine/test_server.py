@@ -10,7 +10,8 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from queue import Empty
-from typing import Any, NoReturn
+from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given
@@ -124,18 +125,11 @@ def test_a_second_console_may_act_only_after_a_take_over_that_the_first_one_sees
         assert act(ada, AddNote("mine again")) is None
 
 
-@pytest.fixture
-def replayed(tmp_path: Path) -> Iterator[Served]:
-    config = EngineConfig(tmp_path / "none", DEFAULT_MAPPINGS, disk_needed=0)
-    types = MessageTypes()
+def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(tmp_path: Path) -> None:
+    config, types = EngineConfig(tmp_path, DEFAULT_MAPPINGS, disk_needed=0), MessageTypes()
     engine = Engine.of_recording(Replay(completed(), types), config, types)
-    served = Served(tmp_path, engine=engine)
-    yield served
-    served.close()
-
-
-def test_a_replay_is_moved_over_the_socket_by_the_console_that_may_act(replayed: Served) -> None:
     with (
+        closing(Served(tmp_path, engine=engine)) as replayed,
         closing(replayed.attach(who="ada@hall")) as ada,
         closing(replayed.attach(who="bo@tent")) as bo,
         closing(replayed.attach(Role.WATCH)) as watcher,
@@ -241,11 +235,11 @@ def test_an_engine_that_ends_is_told_by_its_screens(served: Served) -> None:
 def test_a_screen_that_stands_still_for_whatever_reason_says_so(
     served: Served, monkeypatch: pytest.MonkeyPatch, work: str
 ) -> None:
-    def fail(*_: object) -> NoReturn:
-        raise MemoryError
-
     with closing(served.attach(Role.WATCH)) as client:
-        monkeypatch.setattr(*{"take": (screens, "snapshot_of"), "call": (wire, "Call")}[work], fail)
+        fails = Mock(side_effect=MemoryError)
+        monkeypatch.setattr(
+            *{"take": (screens, "snapshot_of"), "call": (wire, "Call")}[work], fails
+        )
         client.begin_request(NextRunNumber(3, 1))
         until(lambda: "failed (MemoryError): it is tried again" in told_by(client))
 
@@ -402,10 +396,7 @@ def test_a_request_that_a_screen_was_refused_never_happens_later(
 def test_an_engine_that_fails_says_so_at_once(
     client: EngineClient, engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails(*_arguments: object, **_options: object) -> None:
-        raise ValueError("a bug")
-
-    monkeypatch.setattr(engine, "submit", fails)
+    monkeypatch.setattr(engine, "submit", Mock(side_effect=ValueError("a bug")))
     began = time.monotonic()
     with pytest.raises(MadrobError, match="the engine has failed: a bug"):
         act(client, Start())
