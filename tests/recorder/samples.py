@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import os
+import resource
+import threading
+import tracemalloc
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from io import BytesIO
+from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+import pytest
 from mcap.data_stream import RecordBuilder
+from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, Schema
+from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC, Writer
+from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -26,7 +35,7 @@ from recorder.bag import (
     evidence_file_name,
     qos_text,
 )
-from recorder.writer import BagWriter
+from recorder.mcap_file import McapFile
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
@@ -43,9 +52,10 @@ def typestore() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def topic(name: str, type_name: str, qos: Qos | None = None) -> Topic:
+@cache
+def topic(name: str, type_name: str, qos: Qos = Qos()) -> Topic:
     text, _ = typestore().generate_msgdef(type_name, ros_version=2)
-    return Topic(name, type_name, text, typestore().hash_rihs01(type_name), qos or Qos())
+    return Topic(name, type_name, text, typestore().hash_rihs01(type_name), qos)
 
 
 @cache
@@ -73,22 +83,20 @@ def door_messages(rounds: int) -> list[RawMessage]:
 
 
 def encode(type_name: str, time_ns: int, number: int) -> bytes:
-    return bytes(typestore().serialize_cdr(_BUILD[type_name](time_ns, number), type_name))
+    return _serialized(type_name, _BUILD[type_name](type_name, time_ns, number))
+
+
+def _serialized(type_name: str, message: Msg) -> bytes:
+    return bytes(typestore().serialize_cdr(message, type_name))
 
 
 def strings(texts: list[str], name: str = "/talk") -> list[RawMessage]:
     """`std_msgs/msg/String` messages, a millisecond apart."""
-    kind = "std_msgs/msg/String"
-    string = typestore().types[kind]
+    kind = talk().type
+    times = (START_NS + number * 1_000_000 for number in range(len(texts)))
     return [
-        RawMessage(
-            name,
-            kind,
-            bytes(typestore().serialize_cdr(string(data=text), kind)),
-            START_NS + number * 1_000_000,
-            START_NS + number * 1_000_000 + 35_000,
-        )
-        for number, text in enumerate(texts)
+        RawMessage(name, kind, _serialized(kind, _made(kind, data=text)), at, at + 35_000)
+        for text, at in zip(texts, times, strict=True)
     ]
 
 
@@ -97,8 +105,9 @@ def talk() -> Topic:
 
 
 def by_library(
-    messages: Sequence[RawMessage],
+    messages: Iterable[RawMessage],
     topics: Sequence[Topic] | None = None,
+    records: Mapping[str, Mapping[str, str]] | None = None,
     **options: Any,  # noqa: ANN401
 ) -> bytes:
     """A recording as other programs write it, by the options of the mcap library."""
@@ -109,7 +118,8 @@ def by_library(
         schema = writer.register_schema(known.type, "ros2msg", known.definition.encode())
         told = {"offered_qos_profiles": qos_text(known.qos), "topic_type_hash": known.type_hash}
         channels[known.name] = writer.register_channel(known.name, "cdr", schema, told)
-    writer.add_metadata("madrob_run", {"setup": "{}"})
+    for name, record in (records or {}).items():
+        writer.add_metadata(name, dict(record))
     for one in messages:
         times = one.receive_ns, one.data, one.publish_ns
         writer.add_message(channels[one.topic], *times, one.sequence)
@@ -166,81 +176,161 @@ def all_within(folder: Path, names: str = "*") -> dict[Path, bytes | bool]:
     return {path: path.is_file() and path.read_bytes() for path in folder.rglob(names)}
 
 
+def contents(folder: Path) -> dict[str, tuple[int, bytes]]:
+    """Every file, with the node it lies in."""
+    return {path.name: (path.stat().st_ino, path.read_bytes()) for path in folder.iterdir()}
+
+
+def by_mcap(file: BinaryIO) -> tuple[Summary, list[tuple[Schema | None, Channel, Message]]]:
+    """Summary and messages of a recording, by the seeking reader of the mcap library."""
+    reader = SeekingReader(file, validate_crcs=True)
+    summary = reader.get_summary()
+    assert summary is not None
+    return summary, list(reader.iter_messages(log_time_order=False))
+
+
+def raw_by_mcap(recording: Path) -> list[RawMessage]:
+    with recording.open("rb") as file:
+        return [
+            RawMessage(c.topic, s.name if s else "", m.data, m.publish_time, m.log_time)
+            for s, c, m in by_mcap(file)[1]
+        ]
+
+
+def by_rosbags(folder: Path) -> list[tuple[int, str, bytes]]:
+    """Log time, topic and bytes by the reader that tells most about what is wrong, sorted."""
+    with Reader(folder) as reader:
+        assert reader.message_count == sum(c.msgcount for c in reader.connections)
+        return sorted((time, c.topic, bytes(data)) for c, time, data in reader.messages())
+
+
+def in_order(*messages: Sequence[RawMessage]) -> list[tuple[int, str, bytes]]:
+    """As rosbags reads them."""
+    return sorted((m.receive_ns, m.topic, m.data) for part in messages for m in part)
+
+
+class Killed(BaseException):
+    """The process ends here."""
+
+
+@contextmanager
+def killed_after(steps: int, how: BaseException | None = None) -> Iterator[None]:
+    """Let a number of calls that change the disk happen, and none after them.
+
+    Args:
+        steps: so many.
+        how: what is raised in place of the next; None = the process ends.
+
+    Only those of this thread count: the writer that a test before gave up on may still be at work.
+    """
+    left, here = count(steps, -1), threading.get_ident()
+
+    def guarded(real: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **named: Any) -> Any:  # noqa: ANN401 - it stands for any call
+            if threading.get_ident() == here and next(left) <= 0:
+                raise how or Killed
+            return real(*arguments, **named)
+
+        return call
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("open", "write", "fsync", "fdatasync", "link", "rename", "unlink"):
+            patch.setattr(os, name, guarded(getattr(os, name)))
+        yield
+
+
+@contextmanager
+def limited(what: int, most: int) -> Iterator[None]:
+    """Of a resource of this process there is no more; of RLIMIT_FSIZE: a disk that is full."""
+    soft, hard = resource.getrlimit(what)
+    resource.setrlimit(what, (most, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(what, (soft, hard))
+
+
+@contextmanager
+def little_memory(most: int = 10_000_000) -> Iterator[None]:
+    tracemalloc.start()
+    yield
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < most
+
+
 def add_evidence(folder: Path, messages: Sequence[RawMessage], number: int = 0) -> Path:
     """Put a file of evidence into a bag folder, as the recorder names it; types as ROS has them."""
-    types = {message.topic: message.type for message in messages}
-    with TemporaryDirectory(dir=folder.parent) as aside:
-        bag = Path(aside) / "bag"
-        with BagWriter(bag, [topic(*named) for named in types.items()], {}) as writer:
-            for message in messages:
-                writer.put_message(message)
-        (recording,) = bag.glob("*.mcap")
-        return recording.rename(folder / evidence_file_name(folder.name, number))
+    name, types = evidence_file_name(folder.name, number), {m.topic: m.type for m in messages}
+    with opened(folder) as fd:
+        file = McapFile(fd, name)
+        file.start([topic(*named) for named in types.items()], {})
+        for message in messages:
+            file.add_message(message)
+        file.finish()
+        file.close()
+    return folder / name
+
+
+@contextmanager
+def opened(folder: Path) -> Iterator[int]:
+    fd = os.open(folder, os.O_DIRECTORY)
+    yield fd
+    os.close(fd)
+
+
+def _made(kind: str, **fields: Any) -> Msg:  # noqa: ANN401 - whatever a type holds
+    return typestore().types[kind](**fields)
 
 
 def _header(time_ns: int) -> Msg:
-    types = typestore().types
     seconds, rest = divmod(time_ns, 1_000_000_000)
-    stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest)
-    return types["std_msgs/msg/Header"](stamp=stamp, frame_id="madrob_door")
+    stamp = _made("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+    return _made("std_msgs/msg/Header", stamp=stamp, frame_id="madrob_door")
 
 
-def _joint_state(time_ns: int, number: int) -> Msg:
-    return typestore().types["sensor_msgs/msg/JointState"](
+def _three(kind: str, x: float, y: float = 0.0) -> Msg:
+    return _made(f"geometry_msgs/msg/{kind}", x=x, y=y, z=0.0)
+
+
+_NONE = np.array([])
+_BUILD: dict[str, Callable[[str, int, int], Msg]] = {
+    "sensor_msgs/msg/JointState": lambda kind, time_ns, number: _made(
+        kind,
         header=_header(time_ns),
         name=["door"],
         position=np.array([number / 100]),
-        velocity=np.array([]),
-        effort=np.array([]),
-    )
-
-
-def _wrench(time_ns: int, number: int) -> Msg:
-    types = typestore().types
-    vector = types["geometry_msgs/msg/Vector3"]
-    return types["geometry_msgs/msg/WrenchStamped"](
+        velocity=_NONE,
+        effort=_NONE,
+    ),
+    "geometry_msgs/msg/WrenchStamped": lambda kind, time_ns, number: _made(
+        kind,
         header=_header(time_ns),
-        wrench=types["geometry_msgs/msg/Wrench"](
-            force=vector(x=float(number), y=0.0, z=0.0), torque=vector(x=0.0, y=0.0, z=0.0)
+        wrench=_made(
+            "geometry_msgs/msg/Wrench",
+            force=_three("Vector3", float(number)),
+            torque=_three("Vector3", 0.0),
         ),
-    )
-
-
-def _scan(time_ns: int, number: int) -> Msg:
-    return typestore().types["sensor_msgs/msg/LaserScan"](
+    ),
+    "sensor_msgs/msg/LaserScan": lambda kind, time_ns, number: _made(
+        kind,
         header=_header(time_ns),
-        angle_min=0.0,
-        angle_max=0.0,
-        angle_increment=0.0,
-        time_increment=0.0,
+        **dict.fromkeys(("angle_min", "angle_max", "angle_increment", "time_increment"), 0.0),
         scan_time=0.02,
         range_min=0.25,
         range_max=2.0,
         ranges=np.array([1.0, 2.0, np.inf, number / 100], dtype=np.float32),
-        intensities=np.array([], dtype=np.float32),
-    )
-
-
-def _pose(time_ns: int, number: int) -> Msg:
-    types = typestore().types
-    return types["geometry_msgs/msg/PoseStamped"](
+        intensities=_NONE.astype(np.float32),
+    ),
+    "geometry_msgs/msg/PoseStamped": lambda kind, time_ns, number: _made(
+        kind,
         header=_header(time_ns),
-        pose=types["geometry_msgs/msg/Pose"](
-            position=types["geometry_msgs/msg/Point"](x=-1.5, y=float(number), z=0.0),
-            orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+        pose=_made(
+            "geometry_msgs/msg/Pose",
+            position=_three("Point", -1.5, float(number)),
+            orientation=_made("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
         ),
-    )
-
-
-_BUILD: dict[str, Callable[[int, int], Msg]] = {
-    "sensor_msgs/msg/JointState": _joint_state,
-    "geometry_msgs/msg/WrenchStamped": _wrench,
-    "sensor_msgs/msg/LaserScan": _scan,
-    "geometry_msgs/msg/PoseStamped": _pose,
-    "std_msgs/msg/Bool": lambda _, number: typestore().types["std_msgs/msg/Bool"](
-        data=number % 2 == 0
     ),
-    "std_msgs/msg/String": lambda _, number: typestore().types["std_msgs/msg/String"](
-        data=f"event {number}"
-    ),
+    "std_msgs/msg/Bool": lambda kind, _, number: _made(kind, data=number % 2 == 0),
+    "std_msgs/msg/String": lambda kind, _, number: _made(kind, data=f"event {number}"),
 }

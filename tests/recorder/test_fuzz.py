@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-import tracemalloc
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -38,6 +36,7 @@ from tests.recorder.samples import (
     START_NS,
     by_library,
     encoded,
+    little_memory,
     record_starts,
     strings,
     talk,
@@ -237,15 +236,6 @@ def test_no_file_of_many_can_break_reader_or_repair(
 def framed(opcode: int, body: bytes, length: int | None = None) -> bytes:
     size = len(body) if length is None else length
     return bytes([opcode]) + size.to_bytes(8, "little") + body
-
-
-@contextmanager
-def little_memory() -> Iterator[None]:
-    tracemalloc.start()
-    yield
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 10_000_000
 
 
 SCHEMA = Schema(1, talk().definition.encode(), "ros2msg", talk().type)
