@@ -9,9 +9,6 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mcap.reader import make_reader
-from mcap.writer import Writer
-
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.referee.acts import (
     Abort,
@@ -31,9 +28,10 @@ from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.listing import put_listing
+from recorder.reader import Bag
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
-from tests.madrob_console.references.bags import put_messages
+from tests.recorder.samples import by_library
 
 _kept: list[TemporaryDirectory[str]] = []
 
@@ -166,20 +164,12 @@ def converted(
     Blocks of `chunk` messages come in reverse order. Metadata records are kept or lost, and
     topics that contain the word `without` are left out.
     """
-    with next(run.glob("*_0.mcap")).open("rb") as file:
-        reader = make_reader(file)
-        messages = [
-            one for one in reader.iter_messages(log_time_order=False) if without not in one[1].topic
-        ]
-        metadata = list(reader.iter_metadata()) if records else []
+    bag = Bag(next(run.glob("*_0.mcap")))
+    messages = [message for message in bag.messages() if without not in message.topic]
     size = chunk or len(messages)
     starts = range(0, len(messages), size)
-    with to.open("wb") as file:
-        writer = Writer(file, chunk_size=100_000 if chunk else 2**20)
-        writer.start(profile="ros2", library="another tool")
-        for record in metadata:
-            writer.add_metadata(record.name, record.metadata)
-        put_messages(
-            writer, (one for start in starts[::-1] for one in messages[start : start + size])
-        )
+    order = (one for start in starts[::-1] for one in messages[start : start + size])
+    topics = [topic for topic in bag.topics() if without not in topic.name]
+    kept = bag.records if records else {}
+    to.write_bytes(by_library(order, topics, kept, chunk_size=100_000 if chunk else 2**20))
     return to

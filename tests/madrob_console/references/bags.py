@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
-from mcap.reader import make_reader
-from mcap.records import Channel, Message, Schema
-from mcap.well_known import Profile
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, IndexType
 
 from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.common.clock import NS
@@ -29,7 +25,6 @@ from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated.encoder import Encoder
 from madrob_console.testbeds.simulated.sensor_model import Reading
 from recorder.bag import RawMessage
-from recorder.writer import BagWriter
 from scoring.protocol import (
     SENSORS_PER_STRIP,
     LockDetection,
@@ -41,6 +36,7 @@ from scoring.protocol import (
 )
 from scoring.rulesets import RulesetName
 from tests.madrob_console.references.runs import COUNTS, PRE_ROLL, ReferenceRun
+from tests.recorder.samples import by_library
 
 BEGIN_NS = 1_700_000_000 * NS
 """When every recording begins: a whole second, so that the mean interval is 0.02 s exactly."""
@@ -131,48 +127,9 @@ def _reading(run: ReferenceRun, signal: Signal, time: float) -> Reading:
 
 
 def write_bag(run: ReferenceRun, target: Path) -> None:
-    """Record a run into an `.mcap` file."""
+    """A recording without the index of each message; the archive of all compresses it."""
     topics = [describe_topic(_TYPES, m.topic, m.type) for m in _MAPPINGS]
     topics += [topic for topic in referee_topics(_TYPES) if topic.name == REFEREE_EVENT_TOPIC]
-    with TemporaryDirectory() as folder:
-        bag = Path(folder) / run.name
-        metadata = {RECORD_NAME: record_of(run).to_metadata()}
-        with BagWriter(bag, topics, metadata, block_when_full=True, flush_period=60.0) as writer:
-            for message in messages(run):
-                writer.put_message(message)
-        (recorded,) = bag.glob("*.mcap")
-        _without_index(recorded, target)
-
-
-def _without_index(recorded: Path, target: Path) -> None:
-    """The same recording without the index of each message; the archive of all compresses it."""
-    with recorded.open("rb") as source, target.open("wb") as file:
-        reader = make_reader(source)
-        writer = Writer(file, index_types=IndexType.CHUNK, compression=CompressionType.NONE)
-        writer.start(Profile.ROS2, "madrob reference recordings")
-        for metadata in reader.iter_metadata():
-            if metadata.name == RECORD_NAME:
-                writer.add_metadata(metadata.name, metadata.metadata)
-        put_messages(writer, reader.iter_messages(log_time_order=False))
-
-
-def put_messages(
-    writer: Writer, messages: Iterable[tuple[Schema | None, Channel, Message]]
-) -> None:
-    """Write what a library's reader gives, and end the file."""
-    channels: dict[int, int] = {}
-    for schema, channel, message in messages:
-        assert schema is not None
-        if channel.id not in channels:
-            kind = writer.register_schema(schema.name, schema.encoding, schema.data)
-            channels[channel.id] = writer.register_channel(
-                channel.topic, channel.message_encoding, kind, channel.metadata
-            )
-        writer.add_message(
-            channels[channel.id],
-            message.log_time,
-            message.data,
-            message.publish_time,
-            message.sequence,
-        )
-    writer.finish()  # type: ignore[no-untyped-call]
+    records = {RECORD_NAME: record_of(run).to_metadata()}
+    options = {"index_types": IndexType.CHUNK, "compression": CompressionType.NONE}
+    target.write_bytes(by_library(messages(run), topics, records, **options))

@@ -103,43 +103,40 @@ class ReferenceRun:
             there.append(PANEL_HEIGHT)
         return max(there, default=0.0)
 
-    def closed_at(self) -> float | None:
-        """The first sample of the door that is closed to stay; None where it never opened."""
-        is_open = [t for t in self.times() if abs(self.read_angle(t)) >= CLOSED]
-        return round(is_open[-1] + INTERVAL, 9) if is_open else None
-
     @property
     def stop(self) -> float:
-        """The end of the run: the time out, or the door that is closed to stay."""
-        stop = self.closed_at() if self.timeout is None else self.timeout
-        assert stop is not None
-        return stop
+        """The end of the run: the time out, or the first sample of the door that stays closed."""
+        if self.timeout is not None:
+            return self.timeout
+        is_open = [t for t in self.times() if abs(self.read_angle(t)) >= CLOSED]
+        return round(is_open[-1] + INTERVAL, 9)
 
 
 def _all_masked(side: Side, angle: float) -> bool:
     return all(Thresholds().masked(side, sensor.index, angle) for sensor in PASSAGE_SENSORS)
 
 
-def minimum_jerk(part: float) -> float:
-    """The way gone, 0 to 1, when `part` of the time of a minimum-jerk motion has passed."""
+def minimum_jerk(part: float, *, smooth: bool = True) -> float:
+    """The way gone, 0 to 1, when `part` of the time of a motion has passed."""
     x = min(1.0, max(0.0, part))
-    return x**3 * (10 - 15 * x + 6 * x**2)
+    return x**3 * (10 - 15 * x + 6 * x**2) if smooth else x
 
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """The door opens to `top` and closes again, each by a minimum-jerk motion."""
+    """The door opens to `top` and closes again, each by minimum jerk, or else at constant speed."""
 
     opens: float
     opening: float
     closes: float
     closing: float
     top: float
+    smooth: bool = True
 
     def __call__(self, time: float) -> float:
         """The angle."""
-        up = minimum_jerk((time - self.opens) / self.opening)
-        down = minimum_jerk((time - self.closes) / self.closing)
+        up = minimum_jerk((time - self.opens) / self.opening, smooth=self.smooth)
+        down = minimum_jerk((time - self.closes) / self.closing, smooth=self.smooth)
         return self.top * (up - down)
 
 
@@ -161,23 +158,6 @@ class Tremor:
         size -= minimum_jerk((time - goes) / self.growing)
         sine = math.sin(math.tau * self.frequency * (time - self.begins))
         return size * (self.middle + self.amplitude * sine)
-
-
-@dataclass(frozen=True, slots=True)
-class Ramp:
-    """The door opens to `top` and closes again at constant speeds."""
-
-    opens: float
-    opening: float
-    closes: float
-    closing: float
-    top: float
-
-    def __call__(self, time: float) -> float:
-        """The angle."""
-        up = min(1.0, max(0.0, (time - self.opens) / self.opening))
-        down = min(1.0, max(0.0, (time - self.closes) / self.closing))
-        return self.top * (up - down)
 
 
 def _condition(opening: Side, starting: Side) -> Condition:
@@ -211,32 +191,23 @@ _RAMP = ReferenceRun(
     "the door opens to 0.8 rad and closes at 0.4 rad/s; nobody touches it",
     PULL_TO_CCW,
     9.0,
-    Ramp(0.5, 2.0, 3.5, 2.0, 0.8),
+    Swing(0.5, 2.0, 3.5, 2.0, 0.8, smooth=False),
     timeout=7.0,
 )
 
+
+def _read(run: ReferenceRun) -> ReferenceRun:
+    about = "the same, read by an encoder of 3600 counts a turn"
+    return replace(run, name=f"{run.name}_encoder", about=about, encoder=True)
+
+
 RUNS: tuple[ReferenceRun, ...] = (
     _SMOOTH,
-    replace(
-        _SMOOTH,
-        name="minimum_jerk_encoder",
-        about="the same, read by an encoder of 3600 counts a turn",
-        encoder=True,
-    ),
+    _read(_SMOOTH),
     _TREMOR,
-    replace(
-        _TREMOR,
-        name="sine_encoder",
-        about="the same, read by an encoder of 3600 counts a turn",
-        encoder=True,
-    ),
+    _read(_TREMOR),
     _RAMP,
-    replace(
-        _RAMP,
-        name="constant_speed_encoder",
-        about="the same, read by an encoder of 3600 counts a turn",
-        encoder=True,
-    ),
+    _read(_RAMP),
     ReferenceRun(
         "force_pulses",
         "half sines of +25 N and -40 N on a handle that reads 4 N at rest; the door stays closed",
