@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
+import platform
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import asdict, fields, replace
 from functools import partial, reduce
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
+import jsonschema
 import msgspec
 import pytest
 
 from madrob_console.archive import score
 from madrob_console.archive.appeal import stored_result
 from madrob_console.archive.check import Grade, check_run
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive.file_digests import digests_of
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, RESULT_FORMAT
 from madrob_console.archive.history import History
 from madrob_console.archive.repair import repair
+from madrob_console.archive.result_document import ResultDocument, result_schema
+from madrob_console.archive.result_files import result_files
+from madrob_console.archive.result_reader import read_result
 from madrob_console.archive.rule_change import RuleChange, next_issue
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run, read_recorded_run
 from madrob_console.cli.repairing import repair_all
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.file_locks import Hold
+from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.pages.competition import competition_standings
 from madrob_console.pages.related_runs import made_of
 from madrob_console.referee.acts import Act, AddNote, Finalise, MarkIncident, Reissue, Rule
@@ -39,12 +49,14 @@ from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import Bag
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import libraries_here
-from scoring.protocol import Condition, EventName, Step
+from scoring.protocol import Condition, EventName, Signal, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import (
+    aborted,
+    appealed,
     completed,
     converted,
     copy_run,
@@ -54,6 +66,7 @@ from tests.madrob_console.recorded_runs import (
     without_digests,
 )
 from tests.madrob_console.robots import EVERY, Robot
+from tests.madrob_console.run_folders import put_hole
 
 
 def remarks_on(result: Result, about: str) -> list[str]:
@@ -81,24 +94,25 @@ def test_files_with_an_event_after_the_stop_score_as_the_recording_or_say_why(
     drive.whole_run(make_setup(timeout=7.9, ruleset=RulesetName.EUROBENCH_2020))
     drive.engine.close()
     publish(drive.folder, tmp_path / "files")
-    (files,) = score(tmp_path / "files", RulesetName.EUROBENCH_2020)
-    (bag,) = score(drive.folder)
-    names = [event.event for event in files.result.events]
+    found = []
+    for place in (tmp_path / "files", drive.folder):
+        (scored,) = score(place, RulesetName.EUROBENCH_2020)
+        result = scored.result
+        assert remarks_on(result, "unsafety") == []  # its rows are the whole recording
+        values = {name: (one.value, one.reason) for name, one in result.indicators.items()}
+        found.append((values, result.outcome, result.events))
+    assert found[0] == found[1]
+    names = [event.event for event in found[0][2]]
     assert names[-2:] == [EventName.BENCHMARK_STOP, EventName.MOVES_TO_CCW]
-    values = [
-        {name: (one.value, one.reason) for name, one in scored.result.indicators.items()}
-        for scored in (files, bag)
-    ]
-    assert values[0] == values[1]
-    assert (files.result.outcome, files.result.events) == (bag.result.outcome, bag.result.events)
-    assert remarks_on(files.result, "unsafety") == []  # its rows are the whole recording
     (files,) = score(tmp_path / "files", RulesetName.PROTOCOL)
     for about in ("steps and outcome", "unsafety and smoothness"):
         (remark,) = remarks_on(files.result, about)
         assert "eurobench-2020" in remark
-    last, stop = files.result.events[-2:]  # who leaves after the stop has left at the stop
-    assert (last.event, stop.event) == (EventName.MOVES_TO_CCW, EventName.BENCHMARK_STOP)
-    assert last.time == stop.time == files.result.stop
+    stop = files.result.stop
+    assert [(event.event, event.time) for event in files.result.events[-2:]] == [
+        (EventName.MOVES_TO_CCW, stop),  # who leaves after the stop has left at the stop
+        (EventName.BENCHMARK_STOP, stop),
+    ]
 
 
 def test_a_recording_whose_chunks_lie_in_another_order_scores_the_same(tmp_path: Path) -> None:
@@ -179,6 +193,7 @@ Files = dict[str, bytes]
 
 
 def files_of(folder: Path) -> Files:
+    """What a run consists of, by names."""
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.name[0] != "."}
 
 
@@ -528,15 +543,9 @@ def test_times_and_counts_are_compared_to_the_last_digit_and_values_to_1e_9(
 
 
 def _files(run: Path) -> None:
-    table = next(run.glob("*_event.csv"))
-    table.write_text(table.read_text().replace("door_opens", "door_open$"))
+    put_text(next(run.glob("*_event.csv")), "door_opens", "door_open$")
     (run / "condition_1.yaml").unlink()
     (run / "added.csv").write_text("time\n")
-
-
-def _metadata(run: Path) -> None:
-    path = run / "metadata.yaml"
-    path.write_text(path.read_text() + "# changed\n")
 
 
 def _without_digests(run: Path) -> None:
@@ -559,14 +568,22 @@ def _torn_and_known(run: Path) -> None:
     _torn(run)
     (remark,) = check_run(RunPath(run)).differences
     remarked(run, remark.recomputed)
-    run.rename(run.with_name("moved"))
-    assert found(run.with_name("moved")) == []
+    assert found(run.rename(run.with_name("moved"))) == []
     run.with_name("moved").rename(run)
+
+
+def put_text(path: Path, old: str, new: str) -> None:
+    """Other words in a file, or behind what it holds."""
+    text = path.read_text()
+    path.write_text(text.replace(old, new) if old else text + new)
 
 
 FILES: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     "changed and gone": (_files, ["files.condition_1.yaml", "files.{run}_event.csv.sha256"]),
-    "metadata": (_metadata, ["files.metadata.yaml.sha256", "files.metadata.yaml.bytes"]),
+    "metadata": (
+        lambda run: put_text(run / "metadata.yaml", "", "# changed\n"),
+        ["files.metadata.yaml.sha256", "files.metadata.yaml.bytes"],
+    ),
     "of a version that kept no digests": (_without_digests, []),
     "remarks that only the engine could make": (
         lambda run: remarked(run, "/a: 3 messages are not in the recording"),
@@ -647,3 +664,108 @@ def test_a_result_that_was_put_beside_another_run_is_not_issued_again_as_that_on
     by = RuleChange("rules of May", RulesetName.PROTOCOL, "Ada", 1_800_000_100.0)
     with pytest.raises(MadrobError, match=r"of another run .*subject: stored 41, now 3"):
         next_issue(RunPath(folder), by)
+
+
+# ---------------------------------------------------------------- as it is published
+
+
+STORED = Path(__file__).parent / "result_schema_1.json"
+
+
+FOLDERS: dict[str, Callable[[], Path]] = {
+    "completed": partial(recorded, Scenario.NOMINAL),  # ruled, protested, issued again
+    "timeout": appealed,  # with all else that a referee can say
+    "aborted": aborted,
+    "interrupted": partial(ended_after, 6.0),
+}
+
+
+def document(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / "result.json").read_text())
+    return content
+
+
+@pytest.mark.parametrize("outcome", FOLDERS)
+def test_every_result_is_what_the_schema_says(outcome: str) -> None:
+    folder = FOLDERS[outcome]()
+    found = document(folder)
+    assert found["outcome"] == outcome
+    jsonschema.validate(found, result_schema())
+    assert set(found) == {each.name for each in fields(ResultDocument)}
+    for path in folder.glob("result_issue_*.json"):
+        jsonschema.validate(json.loads(path.read_text()), result_schema())
+    assert found["files_left_out"] == []
+    kinds = {Path(name).suffix for name in found["files"]}
+    assert kinds == {".mcap", ".yaml", ".csv"}
+    assert len(found["files"]) == sum(one.suffix in kinds for one in folder.iterdir())
+    for name, told in found["files"].items():
+        data = (folder / name).read_bytes()
+        assert told == {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
+
+
+@pytest.mark.parametrize("outcome", FOLDERS)
+def test_a_result_read_back_is_written_to_the_same_bytes(outcome: str) -> None:
+    data = (FOLDERS[outcome]() / "result.json").read_bytes()
+    again = msgspec.json.encode(msgspec.json.decode(data, type=ResultDocument))
+    assert msgspec.json.format(again, indent=2) + b"\n" == data
+    assert read_result(str(FOLDERS[outcome]())).team == "Delft"
+
+
+@pytest.mark.parametrize("outcome", FOLDERS)
+def test_a_result_names_what_computed_it(outcome: str) -> None:
+    assert document(FOLDERS[outcome]())["libraries"] == {
+        "python": platform.python_version(),
+        **{name: version(name) for name in ("numpy", "scipy", "pandas")},
+    }
+
+
+@pytest.mark.parametrize(
+    "otherwise", [{}, {"topic": "/lab/handle", "scale": 0.5, "offset": 3.0}], ids=str
+)
+def test_a_result_says_how_its_signals_were_read_live_and_in_a_rescoring(
+    otherwise: dict[str, Any], tmp_path: Path
+) -> None:
+    mappings = [
+        replace(one, **otherwise) if one.signal is Signal.HANDLE else one
+        for one in DEFAULT_MAPPINGS
+    ]
+    drive = Drive(tmp_path, Scenario.NO_TOUCH, mappings=mappings)
+    drive.whole_run(make_setup(timeout=2.0))
+    drive.engine.close()
+    assert document(drive.folder)["mappings"] == [
+        asdict(one.limited()) | {"signal": one.signal.value} for one in mappings
+    ]
+    again = result_files(drive.folder, drive.scored())
+    assert again["result.json"] == (drive.folder / "result.json").read_bytes()
+
+
+def test_the_schema_of_a_format_does_not_change_unnoticed(madrob: Madrob) -> None:
+    remedy = "store it: madrob schema > tests/.../result_schema_1.json"
+    assert madrob("schema") == STORED.read_text(), remedy
+
+
+def test_the_schema_is_one_and_describes_every_key_with_its_unit() -> None:
+    schema = result_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["$id"].endswith(f":{RESULT_FORMAT}")
+    for name, part in schema["$defs"].items():
+        for key, described in part.get("properties", {}).items():
+            assert described.get("description"), f"{name}.{key}"
+
+
+def test_a_recording_that_cannot_be_read_has_no_digest_and_a_reason(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "event.csv").write_text("time,event\n")
+    (folder / "run_0.mcap").symlink_to("/etc/passwd")
+    os.mkfifo(folder / "pipe.csv")
+    put_hole(folder / "sparse.csv")
+    digests, left_out = digests_of(folder)
+    assert list(digests) == ["event.csv"]
+    assert left_out == (
+        "metadata.yaml: cannot be read (No such file or directory)",
+        "pipe.csv: cannot be read (no plain file)",
+        "run_0.mcap: cannot be read (it is a link)",
+        "sparse.csv: cannot be read (20.0 GB, too much for a digest)",
+    )
+    assert digests_of(tmp_path / "gone")[0] == {}
