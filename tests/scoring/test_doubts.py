@@ -1,10 +1,19 @@
-"""What one bad sample does to a result, under each ruleset, and what is said of it (section 11)."""
+"""What one bad sample does to a result, under each ruleset, and what is said of it (section 11).
+
+How often an uncertainty holds the truth is tried in
+`tests/madrob_console/testbeds/test_worth_of_numbers.py`.
+"""
 
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,33 +21,179 @@ from msgspec.structs import replace as changed
 
 from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName as Name
-from scoring.protocol import Side, Thresholds
-from scoring.result import Indicator, Result
+from scoring.procedure import Ruling
+from scoring.protocol import LockDetection, Outcome, Side, Step, Thresholds
+from scoring.result import Ending, Indicator, Result
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
-from scoring.samples import DoorSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.scoring.clean_run import (
+    BY_EVENT,
+    NOMINAL,
     RATE,
     Fault,
     Motion,
     clean,
     door_fault,
+    each,
     force_fault,
+    frozen,
+    late,
     lost,
+    one_sample,
     passage_fault,
+    ranges_fault,
     scored,
-)
-from tests.scoring.disturbances import (
-    DISTURBANCES,
-    LEVEL,
-    OCCUPATION,
-    ROUGHNESS,
-    SMOOTHNESS,
-    TOUCH,
-    UNSAFETY,
-    force_spike,
-    spike,
+    second_publisher,
+    stamped,
 )
 from tests.scoring.runs import CONDITION, START
+
+LEVEL, EXECUTION, TOUCH = Name.CAPABILITY_LEVEL, Name.EXECUTION_TIME, Name.TIME_TO_HANDLE
+OCCUPATION, PASSAGE = Name.DOOR_OCCUPATION_TIME, Name.PASSAGE_TIME
+UNSAFETY, SMOOTHNESS = Name.UNSAFETY_OF_DOOR_OPERATION, Name.SMOOTHNESS_OF_DOOR_ACTUATION
+ROUGHNESS = Name.ROUGHNESS_OF_DOOR_ACTUATION
+
+
+def spike(at: float, value: float, of: Callable[..., Fault] = door_fault) -> Fault:
+    since, until = one_sample(round(at * RATE))
+    return of(lambda t, number: value if since <= t < until else number)
+
+
+force_spike = partial(spike, of=force_fault)
+
+
+def seeded(make: Callable[[np.random.RandomState], Fault]) -> Fault:
+    """The same numbers each time."""
+
+    def spoil(samples: list[Sample]) -> list[Sample]:
+        return make(np.random.RandomState(3))(samples)
+
+    return spoil
+
+
+def some_lost(part: float) -> Fault:
+    return seeded(
+        lambda random: door_fault(lambda _, a: None if random.random_sample() < part else a)
+    )
+
+
+JITTERED = seeded(
+    lambda random: each(
+        DoorSample,
+        lambda _, s: changed(s, time=s.time + float(0.002 * random.standard_normal())),
+    )
+)
+
+
+def quivering(t: float, angle: float) -> float:
+    """Closed, but one count about 0.03 rad for 1 s."""
+    return (0.0305 if int(t * RATE) % 2 else 0.0288) if 12.0 < t < 13.0 else angle
+
+
+DISTURBANCES: dict[str, tuple[Fault, set[Name]]] = {
+    "one sample on the starting side after the crossing": (
+        passage_fault(Side.CCW, *one_sample(375), there=True),
+        {LEVEL, EXECUTION, OCCUPATION, PASSAGE},
+    ),
+    "one sample on the destination side before": (
+        passage_fault(Side.CW, *one_sample(50), there=True),
+        {OCCUPATION},
+    ),
+    "one sample on the starting side at 1 s": (
+        passage_fault(Side.CCW, *one_sample(50), there=True),
+        {OCCUPATION},
+    ),
+    "one force sample of 5 N": (force_spike(0.5, 5.0), {TOUCH, PASSAGE, LEVEL}),
+    "one angle spike of 0.5 rad": (spike(7.0, 0.5), {SMOOTHNESS, UNSAFETY}),
+    "one angle spike after the closing": (
+        spike(11.7, 0.5),
+        {SMOOTHNESS, UNSAFETY, EXECUTION, PASSAGE, LEVEL},
+    ),
+    "5 % of door samples lost": (some_lost(0.05), {SMOOTHNESS, UNSAFETY}),
+    "1 % of door samples lost": (some_lost(0.01), {SMOOTHNESS, UNSAFETY}),
+    "stamps jitter by 2 ms": (JITTERED, {SMOOTHNESS, UNSAFETY}),
+    "force clipped at 20 N": (force_fault(lambda _, f: min(f, 20.0)), {ROUGHNESS}),
+    "force stuck after the touch": (
+        force_fault(lambda t, f: f if t < 2.1 else 11.0),
+        {ROUGHNESS, TOUCH},
+    ),
+    "force lost for 80 ms at its peak": (lost(2.17, 2.25, HandleSample), {ROUGHNESS}),
+    "zero drifts by 2.5 N before the touch": (
+        force_fault(lambda t, f: f + (2.5 if t > 1 else 0.0)),
+        {TOUCH},
+    ),
+    "door quivers about 0.03 rad": (door_fault(quivering), {EXECUTION, PASSAGE}),
+    "door lost over its closing": (lost(11.0, 11.3), {EXECUTION, PASSAGE, LEVEL}),
+    "a strip of the starting side for 60 ms after the crossing": (
+        passage_fault(Side.CCW, 7.5, 7.56, there=True, elements=range(4)),
+        {LEVEL, EXECUTION, OCCUPATION, PASSAGE},
+    ),
+    "a strip of the starting side for 140 ms after the crossing": (
+        passage_fault(Side.CCW, 7.5, 7.64, there=True, elements=range(4)),
+        {LEVEL, EXECUTION, OCCUPATION, PASSAGE},
+    ),
+    "a person on the starting side early": (
+        ranges_fault(Side.CCW, lambda t, r: 0.3 if 0.5 < t < 1.5 else r),
+        {OCCUPATION},
+    ),
+    "a person on the destination side at the end": (
+        ranges_fault(Side.CW, lambda t, r: 0.3 if 9.5 < t < 10.5 else r),
+        {OCCUPATION},
+    ),
+    "the destination side sees nothing": (
+        ranges_fault(Side.CW, lambda _, __: 2.0),
+        {LEVEL, EXECUTION, OCCUPATION, PASSAGE},
+    ),
+    "no echo is said by NaN": (
+        ranges_fault(Side.CW, lambda _, r: math.nan if r == 2.0 else r),
+        {LEVEL, OCCUPATION},
+    ),
+    "no echo is said by 0": (
+        ranges_fault(Side.CW, lambda _, r: -0.1 if r == 2.0 else r),
+        {LEVEL, OCCUPATION},
+    ),
+    "a side reads NaN from then on": (
+        ranges_fault(Side.CW, lambda t, r: math.nan if t > 6.1 else r),
+        {OCCUPATION, LEVEL},
+    ),
+    "the force stands still for 0.2 s at its peak": (
+        frozen(HandleSample, 2.1, 2.3),
+        {ROUGHNESS, TOUCH},
+    ),
+    "the door stands still for 0.4 s as it opens": (frozen(DoorSample, 2.5, 3.0), {UNSAFETY}),
+    "the door is read at 45 Hz for 2 s": (
+        stamped(DoorSample, lambda t: t + 0.1 * min(max((t - 2.5) / 1.0, 0.0), 1.0)),
+        set(),
+    ),
+    "zero of the door 28 mrad off": (
+        door_fault(lambda _, angle: angle + 0.028),
+        {EXECUTION, PASSAGE, LEVEL, SMOOTHNESS},
+    ),
+    "zero of the door 40 mrad off": (
+        door_fault(lambda _, angle: angle + 0.040),
+        {EXECUTION, PASSAGE, LEVEL, SMOOTHNESS},
+    ),
+    "the door rests ajar by 20 mrad": (
+        door_fault(lambda t, angle: max(angle, 0.02) if t > 9 else angle),
+        {EXECUTION, LEVEL},
+    ),
+    "half the angle": (door_fault(lambda _, angle: angle / 2), {SMOOTHNESS, UNSAFETY}),
+    "a second publisher of the force": (second_publisher(1.9, 2.3, 60.0), {ROUGHNESS, TOUCH}),
+    "the door's clock steps by 0.3 s": (
+        stamped(DoorSample, lambda t: t + 0.3 if t > 7 else t),
+        {PASSAGE},
+    ),
+    "the door's clock steps back by 0.3 s": (
+        stamped(DoorSample, lambda t: t - 0.3 if t > 7 else t),
+        {PASSAGE},
+    ),
+    "one stamp of the door 0.3 s ahead": (
+        stamped(DoorSample, lambda t: t + 0.3 if 3.5 < t < 3.52 else t),
+        set(),
+    ),
+    "handle's stamps 50 ms behind": (late(HandleSample, 0.05), {PASSAGE}),
+}
+
 
 RULES = (PROTOCOL, EUROBENCH_2020)
 EACH = pytest.mark.parametrize("rules", RULES, ids=lambda rules: rules.name)
@@ -77,26 +232,18 @@ SLAM = Motion(swing_time=1.2, closes=8.0)
 ALTERNATES = door_fault(lambda t, angle: angle + 0.5 * (int(t * RATE) % 2) * (6.0 < t < 8.0))
 
 
-def blind(samples: list[Sample]) -> list[Sample]:
-    """The passage sensors say nothing around the leaving."""
-    return [
-        changed(s, ranges=(math.nan,) * 4)
-        if isinstance(s, PassageSample) and 6.2 < s.time - START < 6.7
-        else s
-        for s in samples
-    ]
-
-
 def coarse(step: float) -> Fault:
     return door_fault(lambda _, angle: round(angle / step) * step)
 
 
-def noisy(samples: list[Sample]) -> list[Sample]:
-    """An encoder of steps of 1 mrad and as much noise."""
-    random = np.random.RandomState(5)
-    return door_fault(
+BLIND = each(PassageSample, lambda t, s: changed(s, ranges=(math.nan,) * 4) if 6.2 < t < 6.7 else s)
+"""The passage sensors say nothing around the leaving."""
+NOISE = seeded(
+    lambda random: door_fault(
         lambda _, angle: round((angle + 0.001 * random.standard_normal()) / 0.001) * 0.001
-    )(samples)
+    )
+)
+"""An encoder of steps of 1 mrad and as much noise."""
 
 
 KNOCKS = [(0, 55, 78, 53, 46, 39, 1), (0, 22, 135, 139, 91, 73, 21)]
@@ -126,7 +273,7 @@ COUNTS = {n: Thresholds(encoder_counts=n) for n in (720, 1800)}
         ),
         (lambda: lost(8.9, 9.2)(clean(SLAM)), None, UNSAFETY, ""),
         (lambda: lost(8.9, 9.2)(clean(SLAM)), None, SMOOTHNESS, ""),
-        (lambda: blind(clean()), None, OCCUPATION, ""),
+        (lambda: BLIND(clean()), None, OCCUPATION, ""),
         (lambda: lost(5.4, 5.9)(clean()), None, OCCUPATION, ""),  # it may be the panel
         (lambda: lost(2.7, 3.3)(clean()), None, OCCUPATION, "the door angle came too late for"),
         (lambda: spike(-0.06, 1.0)(clean()), None, UNSAFETY, ""),
@@ -158,12 +305,12 @@ COUNTS = {n: Thresholds(encoder_counts=n) for n in (720, 1800)}
             )
         ),
         (
-            lambda: noisy(clean()),
+            lambda: NOISE(clean()),
             None,
             SMOOTHNESS,
             "another encoder: the door at rest varies by",
         ),
-        (lambda: noisy(clean()), NOISY, SMOOTHNESS, None),
+        (lambda: NOISE(clean()), NOISY, SMOOTHNESS, None),
     ],
 )
 def test_what_else_may_be_wrong_is_doubted_in_one_sentence(
@@ -176,7 +323,7 @@ def test_what_else_may_be_wrong_is_doubted_in_one_sentence(
 
 
 def test_the_noise_of_an_encoder_makes_smoothness_less_certain() -> None:
-    known = scored(noisy(clean()), thresholds=NOISY).indicators[SMOOTHNESS].uncertainty
+    known = scored(NOISE(clean()), thresholds=NOISY).indicators[SMOOTHNESS].uncertainty
     assert known is not None
     assert known.expanded > 0.1
 
@@ -284,9 +431,121 @@ def test_the_limits_are_settings() -> None:
 
 
 def test_a_freeze_in_motion_is_doubted() -> None:
-    samples = clean(Motion(swing_time=2.0))
-    first = next(s for s in samples if isinstance(s, DoorSample) and s.time >= START + 3.5)
-    frozen = door_fault(
-        lambda t, angle: first.angle if 3.5 <= t < first.time - START + 0.1 else angle
-    )(samples)
-    assert {SMOOTHNESS, UNSAFETY} <= doubted(scored(frozen))
+    moving = clean(Motion(swing_time=2.0))
+    assert {SMOOTHNESS, UNSAFETY} <= doubted(scored(frozen(DoorSample, 3.5, 3.61)(moving)))
+
+
+# ---------------------------------------------------------------- how far a value can be trusted
+
+
+@pytest.mark.parametrize("rules", [PROTOCOL, EUROBENCH_2020], ids=lambda r: r.name)
+def test_the_same_recording_has_the_same_uncertainties_and_another_one_others(
+    rules: Ruleset,
+) -> None:
+    first, again, other = (scored(clean(seed=seed), rules).indicators for seed in (1, 1, 2))
+    assert first == again
+    assert any(first[name].uncertainty != other[name].uncertainty for name in Name)
+    for indicator in first.values():
+        assert indicator.uncertainty is not None
+        for value in (indicator.uncertainty.u, indicator.uncertainty.expanded):
+            assert value == float(f"{value:.1e}")
+
+
+def expanded(name: Name, motion: Motion = NOMINAL, rate: float = 50.0) -> float:
+    known = scored(clean(motion, rate=rate)).indicators[name].uncertainty
+    assert known is not None
+    return known.expanded
+
+
+def test_a_start_by_hand_is_part_of_what_is_measured_from_it() -> None:
+    by_hand = scored(clean(), thresholds=Thresholds()).indicators
+    for name, one in scored(clean()).indicators.items():
+        own, late = one.uncertainty, by_hand[name].uncertainty
+        assert own is not None
+        assert late is not None
+        assert late.expanded >= 0.2 if name.spec.with_the_start else late == own
+
+
+def test_what_of_the_roughness_is_rest_stands_beside_it() -> None:
+    drifted = force_fault(lambda t, force: force + (1.5 if t > 3 else 0.0))
+    rough = scored(drifted(clean())).indicators[Name.ROUGHNESS_OF_DOOR_ACTUATION]
+    assert rough.uncertainty is not None
+    assert rough.uncertainty.rest == pytest.approx(1.5, abs=0.05)
+    assert rough.text.endswith(" N, of these 1.5 N at rest")
+    assert rough.doubts == ()
+
+
+def test_where_there_is_no_value_there_is_no_uncertainty() -> None:
+    indicators = scored(lost(-2.0, 20.0)(clean())).indicators  # no door at all
+    assert {one.uncertainty is None for one in indicators.values() if one.value is None} == {True}
+    assert {one.uncertainty is None for one in indicators.values() if one.value} == {False}
+    assert indicators[Name.SMOOTHNESS_OF_DOOR_ACTUATION].value is None
+
+
+@pytest.mark.parametrize("name", [Name.EXECUTION_TIME, Name.CAPABILITY_LEVEL])
+def test_a_timeouts_own_time_is_as_exact_as_its_start_and_a_level_has_no_spread(name: Name) -> None:
+    assert expanded(name, replace(NOMINAL, closes=99.0)) == 0
+
+
+@pytest.mark.parametrize("outcome", [Outcome.COMPLETED, Outcome.TIMEOUT])
+@pytest.mark.parametrize("ruled", [False, True])
+def test_a_stop_that_a_torn_recording_lacks_is_as_uncertain_as_any_other(
+    outcome: Outcome, ruled: bool
+) -> None:
+    whole, stop = scored(clean()), START + 11.4
+    torn = Assessment(CONDITION, START, lock_detection=LockDetection.SETTLE, thresholds=BY_EVENT)
+    for sample in clean():
+        if sample.time < START + 9.0:
+            torn.feed(sample)
+    rulings = [Ruling(Step.LOCK, True, stop, "I saw it", "Ada")] if ruled else []
+    result, _ = torn.result(Ending(outcome, "", stop), rulings)
+    name = Name.EXECUTION_TIME
+    known, usual = result.indicators[name].uncertainty, whole.indicators[name].uncertainty
+    assert known is not None
+    assert usual is not None
+    if outcome is Outcome.TIMEOUT or ruled:  # no sensor found it
+        assert known.expanded == 0
+    else:
+        assert known.expanded == pytest.approx(usual.expanded, rel=0.25)
+    assert result.indicators[name].doubts == ()
+
+
+def test_a_trembling_robot_is_not_taken_for_a_smooth_one() -> None:
+    known = scored(clean(Motion(tremble=0.004))).indicators[Name.SMOOTHNESS_OF_DOOR_ACTUATION]
+    assert known.value is not None
+    assert known.uncertainty is not None
+    assert known.uncertainty.expanded < 0.1 * known.value < 0.4
+
+
+@pytest.mark.parametrize(
+    ("name", "slow", "quick"),
+    [(Name.EXECUTION_TIME, 25.0, 50.0), (Name.TIME_TO_HANDLE, 50.0, 100.0)],
+)
+def test_a_slower_rate_is_less_certain(name: Name, slow: float, quick: float) -> None:
+    assert expanded(name, rate=slow) > 1.5 * expanded(name, rate=quick)
+
+
+PRINT = """
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL
+from tests.scoring.clean_run import clean, scored
+for rules in (PROTOCOL, EUROBENCH_2020):
+    print([one.uncertainty for one in scored(clean(), rules).indicators.values()])
+"""
+
+
+@pytest.mark.machine
+def test_uncertainties_are_the_same_on_a_processor_that_lacks_instructions() -> None:
+    lacking = {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR AVX2 AVX512F"}
+    printed = [
+        subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", PRINT],
+            capture_output=True,
+            check=True,
+            cwd=Path(__file__).parents[2],
+            env=os.environ | more,
+            text=True,
+        ).stdout
+        for more in ({}, lacking)
+    ]
+    assert printed[0].count("expanded") == 2 * len(Name)
+    assert printed[0] == printed[1]

@@ -22,7 +22,6 @@ from scoring.indicators import (
     time_to_handle,
     unsafety_of_door_operation,
 )
-from scoring.kinematics import jerk, joint_state, low_pass
 from scoring.protocol import (
     BenchmarkType,
     Condition,
@@ -31,7 +30,6 @@ from scoring.protocol import (
     ScoringError,
     Side,
     Step,
-    Thresholds,
 )
 from scoring.result import Indicator, Uncertainty, distinguishable, uncertainty_text, value_text
 from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset, RulesetName, ruleset
@@ -204,20 +202,6 @@ def test_an_indicator_has_either_a_value_or_a_reason(
 ) -> None:
     with pytest.raises(ScoringError, match=words):
         Indicator(value, "s", reason)
-
-
-def test_a_sinusoidal_door_has_the_unsafety_of_its_closed_form() -> None:
-    amplitude, omega = 0.5, 2 * math.pi * 0.25
-    time = np.arange(2001) / 50
-    joint = joint_state(time, 1 + amplitude * np.sin(omega * time), PROTOCOL, Thresholds())
-    unsafety = unsafety_of_door_operation(low_pass(joint, PROTOCOL, Thresholds())[500:1500])
-    smoothing = 1 - (omega * 0.02) ** 2 * (9**2 - 1) / 24  # of the moving average alone
-    assert unsafety.value == pytest.approx(amplitude * omega**2 * smoothing, rel=0.01)
-    times, jerks = jerk(joint, PROTOCOL, Thresholds())
-    run = (times > 10) & (times <= 30)  # whole periods
-    smoothness = smoothness_of_door_actuation(jerks[run], opened=True)
-    mean = 2 / math.pi * amplitude * omega**3
-    assert smoothness.value == pytest.approx(10 / (mean * smoothing), rel=0.01)
 
 
 def test_the_indicators_of_eurobench_keep_their_names_and_their_order() -> None:

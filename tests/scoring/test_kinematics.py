@@ -69,37 +69,6 @@ def test_a_swinging_door_keeps_what_the_windows_let_through(
     np.testing.assert_allclose(joint.acceleration[inner], acceleration[inner], atol=1e-8)
 
 
-@BOTH
-def test_constant_jerk_comes_out_exactly(ruleset: Ruleset) -> None:
-    time = grid(50, 3)
-    joint = joint_state(time, 0.25 * time**3 / 6, ruleset, NUMBERS)
-    rows = defined(joint)
-    np.testing.assert_allclose(joint.acceleration[rows], 0.25 * time[rows], atol=1e-10)
-    _, jerks = jerk(joint, ruleset, NUMBERS)
-    np.testing.assert_allclose(jerks, 0.25, atol=1e-8)
-
-
-@BOTH
-def test_a_minimum_jerk_opening_has_its_closed_form(ruleset: Ruleset) -> None:
-    amplitude, duration = 1.2, 6.0
-    time = grid(100, 10)
-    s = np.clip((time - 2) / duration, 0, 1)
-    position = amplitude * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    joint = joint_state(time, position, ruleset, NUMBERS)
-    rows = defined(joint)
-    velocity = amplitude / duration * (30 * s**2 - 60 * s**3 + 30 * s**4)
-    acceleration = amplitude / duration**2 * (60 * s - 180 * s**2 + 120 * s**3)
-    peak = 10 / math.sqrt(3) * amplitude / duration**2
-    np.testing.assert_allclose(joint.velocity[rows], velocity[rows], atol=0.005 * velocity.max())
-    np.testing.assert_allclose(joint.acceleration[rows], acceleration[rows], atol=0.06 * peak)
-    assert np.nanmax(np.abs(joint.acceleration)) == pytest.approx(peak, rel=0.005)
-    times, jerks = jerk(joint, ruleset, replace(NUMBERS, closed_angle=1e-9))
-    moving = np.abs(jerks[times < 2 + duration])
-    assert np.mean(moving) == pytest.approx(4 * peak / duration, rel=0.03)
-    low = low_pass(joint, ruleset, NUMBERS)
-    assert np.nanmax(np.abs(low)) == pytest.approx(peak, rel=0.02)
-
-
 @pytest.mark.parametrize("frequency", [0.5, 1.0, 2.0, 3.0])
 def test_the_low_pass_attenuates_like_a_butterworth_of_order_five_and_in_place(
     frequency: float,

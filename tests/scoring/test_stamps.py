@@ -13,13 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from scoring.protocol import Outcome, Signal, Thresholds
+from scoring.protocol import Signal, Thresholds
 from scoring.quality import QualityCounter, SignalQuality
 from scoring.rest import HandleRest, RestForce, moved, rest_force, rest_of
-from scoring.result import Ending
 from scoring.samples import DoorSample
 from scoring.stamps import KEPT_STEPS, StampGuard
-from tests.scoring.runs import START, assessment, handle, passage_through
+from tests.scoring.runs import START
 
 PERIOD = 0.02
 
@@ -290,13 +289,3 @@ def test_a_stamp_of_long_ago_costs_nothing_and_nothing_recorded_tells_nothing() 
     early = TIMES[TIMES < 0.2] + START
     told = rest_force(early, np.sin(early), START)
     assert told.no_after == "the recording ends within half a second of the start"
-
-
-def test_a_result_has_the_rest_force_and_the_drift() -> None:
-    forces = [handle(t, 10.0 if 2 <= t < 2.5 else 0.1 + 1.2 * (t > 2)) for t in TIMES]
-    others = [s for s in passage_through() if s.signal.name != "HANDLE"]
-    samples = sorted([*others, *forces], key=lambda s: s.time)
-    result, _ = assessment(samples).result(Ending(Outcome.COMPLETED, "done", START + 6))
-    assert result.rest is not None
-    assert rest(result.rest.before).mean == pytest.approx(0.1)
-    assert result.rest.drift == pytest.approx(1.3)
