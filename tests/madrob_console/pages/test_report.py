@@ -144,46 +144,6 @@ def page() -> Page:
 # ---------------------------------------------------------------- every page
 
 
-@pytest.mark.parametrize("kind", RUNS)
-def test_the_page_of_any_run_is_whole_by_itself_and_has_the_numbers_of_its_result(
-    kind: str,
-) -> None:
-    folder, scored = run_of(kind)
-    result, place = scored.result, RelatedRuns().place_of(folder, scored)
-    text = page_of(kind)
-    page = Page(text)
-    assert report_html(scored, place=place) == text
-    assert text.startswith("<!DOCTYPE html>")
-    assert len(text.encode()) < 300_000
-    assert not re.search(r"http(?!-equiv)|<script|@import|\son\w+=|\ssrc=", text)
-    assert not {"script", "link", "iframe", "object", "img", "form"} & set(page.tags)
-    ids = Counter(page.found("id"))
-    assert max(ids.values()) == 1
-    assert set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text)) <= set(ids)
-    files = {one for one in page.found("href") if one[0] != "#"}
-    assert "result.json" in files
-    assert all((folder / name).is_file() for name in files)
-    assert [page.tags.count(tag) for tag in ("header", "nav", "main", "footer")] == [1] * 4
-    assert f": {result.outcome_reason}" in page.part("header")
-    told = page.part("Indicators")
-    for name, one in result.indicators.items():
-        unit = one.unit.replace("^2", "²").replace("^3", "³")
-        shown = one.value is not None and f"{value_text(one.value, one.uncertainty)}{one.sign}"
-        assert (f"{unit}" in told and shown in told) if shown else str(one.reason) in told, name
-    aborted = result.outcome is Outcome.ABORTED
-    assert aborted or all(name.spec.explanation in told for name in IndicatorName)
-    seconds = {
-        "The six steps": [one.final - result.start for one in result.steps if one.final],
-        "Events": [event.since_start for event in result.events],
-    }
-    page.tells({part: tuple(f"{time:.2f}" for time in times) for part, times in seconds.items()})
-    rows = tuple(f"{one.signal.value} {one.samples}" for one in result.quality.signals)
-    page.tells({"Data quality": rows})
-
-
-# ---------------------------------------------------------------- what is told
-
-
 TOLD: dict[str, dict[str, tuple[str, ...]]] = {
     "signed": {
         "title": ("Delft: run 1 of subject 3 in condition 1, completed (MADROB)",),
@@ -242,9 +202,41 @@ TOLD: dict[str, dict[str, tuple[str, ...]]] = {
 }
 
 
-@pytest.mark.parametrize("kind", TOLD)
-def test_what_is_known_of_a_run_is_told(kind: str) -> None:
-    page = Page(page_of(kind))
+@pytest.mark.parametrize("kind", RUNS)
+def test_the_page_of_any_run_is_whole_by_itself_and_has_the_numbers_of_its_result(
+    kind: str,
+) -> None:
+    folder, scored = run_of(kind)
+    result, place = scored.result, RelatedRuns().place_of(folder, scored)
+    text = page_of(kind)
+    page = Page(text)
+    assert report_html(scored, place=place) == text
+    assert text.startswith("<!DOCTYPE html>")
+    assert len(text.encode()) < 300_000
+    assert not re.search(r"http(?!-equiv)|<script|@import|\son\w+=|\ssrc=", text)
+    assert not {"script", "link", "iframe", "object", "img", "form"} & set(page.tags)
+    ids = Counter(page.found("id"))
+    assert max(ids.values()) == 1
+    assert set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text)) <= set(ids)
+    files = {one for one in page.found("href") if one[0] != "#"}
+    assert "result.json" in files
+    assert all((folder / name).is_file() for name in files)
+    assert [page.tags.count(tag) for tag in ("header", "nav", "main", "footer")] == [1] * 4
+    assert f": {result.outcome_reason}" in page.part("header")
+    told = page.part("Indicators")
+    for name, one in result.indicators.items():
+        unit = one.unit.replace("^2", "²").replace("^3", "³")
+        shown = one.value is not None and f"{value_text(one.value, one.uncertainty)}{one.sign}"
+        assert (f"{unit}" in told and shown in told) if shown else str(one.reason) in told, name
+    aborted = result.outcome is Outcome.ABORTED
+    assert aborted or all(name.spec.explanation in told for name in IndicatorName)
+    seconds = {
+        "The six steps": [one.final - result.start for one in result.steps if one.final],
+        "Events": [event.since_start for event in result.events],
+    }
+    page.tells({part: tuple(f"{time:.2f}" for time in times) for part, times in seconds.items()})
+    rows = tuple(f"{one.signal.value} {one.samples}" for one in result.quality.signals)
+    page.tells({"Data quality": rows})
     page.tells(TOLD[kind])
     untimed = kind in {"aborted in the countdown", "interrupted"}
     assert ("The run took" in page.text, "svg" in page.tags) == (not untimed, "aborted" not in kind)
@@ -767,34 +759,27 @@ def test_reports_and_figures_lie_where_they_are_asked_for(
 
 
 def test_the_page_that_zooms_has_every_sample_and_loads_nothing(scored: Scored) -> None:
-    result, rows = scored.result, scored.rows
+    result, rows, condition = scored.result, scored.rows, scored.record.setup.condition
     name = "</script><script>alert(1)</script>"
-    banners = ["SIMULATED: <b>"]
-    page = signals_html(name, result, rows, scored.record.setup.condition, banners)
+    page = signals_html(name, result, rows, condition, ["SIMULATED: <b>"])
     assert '<p class="banner">SIMULATED: &lt;b&gt;</p>' in page
     assert page.count("</script>") == page.count("<script>") == 2
     assert not re.search(r"http(?!-equiv)|@import|\ssrc=|url\(", page)
-    (policy,) = re.findall('http-equiv="Content-Security-Policy" content="([^"]*)"', page)
-    assert policy.startswith("default-src 'none'; script-src 'unsafe-inline'; style-src")
+    policy = "default-src 'none'; script-src 'unsafe-inline'; style-src"
+    assert f'http-equiv="Content-Security-Policy" content="{policy}' in page
     assert "Permission is hereby granted" in page  # the library's licence goes with it
     (text,) = re.findall("const told = (.*);", page)
-    told = json.loads(text)
-    times, angles = rows.joint_state.time - result.start, rows.joint_state.position
-    assert told["door"][0] == pytest.approx(times.tolist(), abs=1e-5)
-    assert told["door"][1] == pytest.approx(angles.tolist(), abs=1e-5)
-    assert told["handle"][1] == pytest.approx(rows.force.tolist(), abs=1e-5)
+    told, joint = json.loads(text), rows.joint_state
+    for drawn, measured in (
+        (told["door"][0], joint.time - result.start),
+        (told["door"][1], joint.position),
+        (told["handle"][1], rows.force),
+    ):
+        assert drawn == pytest.approx(measured.tolist(), abs=1e-5)
     assert [words for _, words in told["events"]] == [one.event.words for one in result.events]
     lanes = {lane["name"]: lane["spans"] for lane in told["lanes"]}
     assert lanes["door open"]
     assert told["window"][1] >= max(end for spans in lanes.values() for _, end in spans)
-
-
-def test_the_report_made_later_is_that_of_the_run(
-    folder: Path, scored: Scored, madrob: Madrob
-) -> None:
-    assert madrob("report", folder) == f"{folder / 'report.html'}\n"
-    place = RelatedRuns().place_of(folder, scored)
-    assert (folder / "report.html").read_text() == report_html(scored, software_version(), place)
 
 
 def test_without_matplotlib_a_report_says_what_is_missing_and_has_all_else(
@@ -812,11 +797,15 @@ def test_without_matplotlib_a_report_says_what_is_missing_and_has_all_else(
     report_pictures.figures.cache_clear()
 
 
-def test_what_only_the_stored_result_says_of_the_data_is_in_the_report(
-    folder: Path, madrob: Madrob
+def test_the_report_made_later_is_that_of_the_run_and_of_what_its_result_alone_says(
+    folder: Path, scored: Scored, madrob: Madrob
 ) -> None:
-    result, dropped = folder / "result.json", "recorder: 7 messages dropped"
+    page, result = folder / "report.html", folder / "result.json"
+    assert madrob("report", folder) == f"{page}\n"
+    place = RelatedRuns().place_of(folder, scored)
+    assert page.read_text() == report_html(scored, software_version(), place)
+    dropped = "recorder: 7 messages dropped"
     result.write_text(result.read_text().replace('"remarks": []', f'"remarks": ["{dropped}"]'))
     without_digests(folder)
     madrob("report", folder)
-    Page((folder / "report.html").read_text()).tells({"Data quality": (dropped,)})
+    Page(page.read_text()).tells({"Data quality": (dropped,)})
