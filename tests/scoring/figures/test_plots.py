@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from scoring.figure_table import LARGEST_JERK, FigureName, Quantity
@@ -77,12 +76,8 @@ def figures_for(result: Result, rows: Rows) -> dict[FigureName, Figure]:
     return figures_of(result, rows, CONDITION)
 
 
-def line(axes: Axes, label: str) -> Line2D:
-    return next(found for found in axes.get_lines() if found.get_label() == label)
-
-
 def curve(axes: Axes, label: str) -> tuple[Array, Array]:
-    found = line(axes, label)
+    (found,) = (line for line in axes.get_lines() if line.get_label() == label)
     return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
 
 
@@ -383,16 +378,12 @@ def test_the_median_is_of_those_runs_that_ended_a_phase() -> None:
 
 
 @pytest.fixture(scope="module")
-def passage() -> tuple[Result, Rows]:
+def passage() -> Scored:
     """Through the door from 5 to 6 s; open from 3 to 9 s, swinging over the sensors."""
-    samples: list[Sample] = []
-    for tick in range(-50, 600):
-        time = tick / 50
-        angle = max(0.0, min(1.0, time - 3, 9 - time))
-        samples += [door(time, angle), handle(time, 12.0 if 2 <= time <= 3 else 0.0)]
-        samples += {250: [under(time, Side.CCW)], 270: [under(time, Side.CW)]}.get(tick, [])
-        samples += {275: [clear(time, Side.CCW)], 300: [clear(time, Side.CW)]}.get(tick, [])
-    return assessment(samples).result(Ending(Outcome.COMPLETED, "as told", START + 10))
+    return run(
+        lambda time: max(0.0, min(1.0, time - 3, 9 - time)),
+        lambda time: 12.0 if 2 <= time <= 3 else 0.0,
+    )
 
 
 def rounded(lane: Lane) -> list[tuple[float, float]]:
@@ -400,7 +391,7 @@ def rounded(lane: Lane) -> list[tuple[float, float]]:
 
 
 def test_lanes_show_each_sensor_the_occupation_and_the_masks_of_the_events(
-    passage: tuple[Result, Rows],
+    passage: Scored,
 ) -> None:
     result, rows = passage
     found = passage_figure(result, rows, CONDITION)
