@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
@@ -97,7 +98,7 @@ def whole_files() -> tuple[bytes, ...]:
     )
 
 
-def recording(**options: object) -> bytes:
+def recording(**options: Any) -> bytes:  # noqa: ANN401
     return by_library(MESSAGES, [replace(talk(), qos=BEST_EFFORT)], chunk_size=800, **options)
 
 

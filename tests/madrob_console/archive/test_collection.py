@@ -243,50 +243,44 @@ def test_more_words_never_find_more(run: RunSummary, first: str, second: str) ->
     assert both == (matches(run, first) and matches(run, second))
 
 
-@pytest.fixture(scope="module")
-def run() -> Path:
-    return completed()
-
-
 def stored(folder: Path) -> dict[str, Any]:
     content: dict[str, Any] = json.loads((folder / "result.json").read_text())
     return content
 
 
-def test_identity_and_testbed_stand_in_journal_recording_result_and_run_info(run: Path) -> None:
-    result = stored(run)
+def test_identity_and_testbed_stand_in_journal_recording_result_and_run_info() -> None:
+    run, result = completed(), stored(completed())
     told = {"run_id": result["run_id"], "testbed": "Hall A"}
     assert UUID(told["run_id"]).version == 7
     first = json.loads((run / "journal.jsonl").read_text().partition("\n")[0])
     recorded = json.loads(Bag(run).records[RECORD_NAME]["run"])
     info = yaml.safe_load(next(run.glob("run_info_*.yaml")).read_text())
     setups = (result["setup"], first["details"]["setup"], recorded["setup"], info["settings"])
-    for content in (result, *setups):
-        assert content.items() >= told.items()
+    assert all(content.items() >= told.items() for content in (result, *setups))
     (listed,) = History(run.parent.parent).refresh()
     assert {"run_id": listed.run_id, "testbed": listed.testbed} == told
     assert (matches(listed, "testbed:hall"), matches(listed, "testbed:b")) == (True, False)
 
 
 def test_each_set_up_has_an_identity_of_its_own_whatever_a_screen_sends(drive: Drive) -> None:
-    found = set[str]()
+    sent, found = make_setup(), set[str]()
     for _ in range(4):  # as new, and as the screen has got it
+        drive.act(SetUp(sent))
         setup = drive.engine.run.setup
-        drive.act(SetUp(make_setup() if len(found) % 2 == 0 or setup is None else setup))
-        setup = drive.engine.run.setup
-        assert setup == replace(make_setup(), practice=True)
         assert setup is not None
+        assert setup == replace(make_setup(), practice=True)
         found.add(setup.run_id)
+        sent = setup if len(found) % 2 else make_setup()
     assert len(found) == 4
 
 
-def test_a_corrected_run_is_still_the_same_run(run: Path, tmp_path: Path) -> None:
-    folder = shutil.copytree(run, tmp_path / "practice" / run.name)
+def test_a_corrected_run_is_still_the_same_run(tmp_path: Path) -> None:
+    before = stored(completed())
+    folder = shutil.copytree(completed(), tmp_path / "practice" / completed().name)
     drive = Drive(tmp_path)
     assert drive.open(folder) is None
     drive.act(Correct(5, PULL, "the wrong team", "Ghent"))
     drive.wait(1.0)
     drive.engine.close()
-    told = [(result["subject"], result["run_id"]) for result in map(stored, (run, folder))]
-    assert told == [(3, told[0][1]), (5, told[0][1])]
+    assert (stored(folder)["subject"], stored(folder)["run_id"]) == (5, before["run_id"])
     assert check_run(RunPath(folder)).grade is Grade.SAME

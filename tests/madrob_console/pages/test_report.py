@@ -136,11 +136,6 @@ def folder(tmp_path: Path) -> Path:
     return shutil.copytree(source, tmp_path / "results" / source.name)
 
 
-@pytest.fixture(scope="module")
-def page() -> Page:
-    return Page(page_of("signed"))
-
-
 # ---------------------------------------------------------------- every page
 
 
@@ -242,7 +237,8 @@ def test_the_page_of_any_run_is_whole_by_itself_and_has_the_numbers_of_its_resul
     assert ("The run took" in page.text, "svg" in page.tags) == (not untimed, "aborted" not in kind)
 
 
-def test_numbers_beside_the_indicators_are_those_of_the_run(page: Page, scored: Scored) -> None:
+def test_numbers_beside_the_indicators_are_those_of_the_run(scored: Scored) -> None:
+    page = Page(page_of("signed"))
     record, result, samples = scored.record, scored.result, scored.record.zero_samples
     crossed, seconds = result.steps[3].sensors, {e.event: e.since_start for e in result.events}
     assert samples is not None

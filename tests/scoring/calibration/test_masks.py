@@ -151,9 +151,6 @@ def test_somebody_near_is_noticed(spoil: Spoil, words: str) -> None:
         propose(sweep(spoil=spoil))
 
 
-NOTHING = Swept(np.array([]), np.array([]), 0)
-
-
 def with_first(**changes: Any) -> Sweep:  # noqa: ANN401
     plain = sweep()
     first = replace(plain.sensors[FIRST], **changes)
@@ -177,7 +174,7 @@ def with_first(**changes: Any) -> Sweep:  # noqa: ANN401
         ),
         (lambda: sweep(door=DOOR[::20]), "60 door angles are too few"),
         (
-            lambda: with_first(angle=NOTHING.angle, distance=NOTHING.distance),
+            lambda: with_first(angle=np.array([]), distance=np.array([])),
             "0 readings are too few",
         ),
         (lambda: replace(sweep(), door_lost=200), r"200 of 1400 door angles are no numbers"),
