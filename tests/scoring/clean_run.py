@@ -176,14 +176,12 @@ def passage_fault(
     side: Side, since: float, until: float, *, there: bool, elements: Sequence[int] = (3,)
 ) -> Fault:
     """Sensors of a strip see something, or nothing, in [since, until) s after the start."""
-    strip = Strip.CW_RIGHT if side is Side.CW else Strip.CCW_LEFT
+    strip, read = Strip.CW_RIGHT if side is Side.CW else Strip.CCW_LEFT, 0.8 if there else 2.0
 
     def spoil(time: float, sample: PassageSample) -> Sample:
         if sample.strip is not strip or not since <= time < until:
             return sample
-        ranges = list(sample.ranges)
-        for element in elements:
-            ranges[element] = 0.8 if there else 2.0
+        ranges = (read if n in elements else old for n, old in enumerate(sample.ranges))
         return changed(sample, ranges=tuple(ranges))
 
     return each(PassageSample, spoil)
@@ -206,9 +204,7 @@ def frozen(kind: type[Sample], since: float, until: float) -> Fault:
         held: dict[object, Sample] = {}
 
         def repeat(time: float, sample: Sample) -> Sample:
-            if not since <= time < until:
-                return sample
-            first = held.setdefault(sample.signal, sample)
+            first = held.setdefault(sample.signal, sample) if since <= time < until else sample
             return changed(first, time=sample.time, log_time=sample.log_time)
 
         return each(kind, repeat)(samples)
@@ -225,16 +221,12 @@ def second_publisher(since: float, until: float, force: float) -> Fault:
     """Of the handle's force, that often too; each publisher counts its own messages."""
 
     def spoil(samples: list[Sample]) -> list[Sample]:
-        spoilt: list[Sample] = []
-        for number, sample in enumerate(samples, 1):
-            if isinstance(sample, HandleSample):
-                spoilt.append(changed(sample, sequence=1000 + number))
-                if since <= sample.time - START < until:
-                    time = sample.time + 0.5 / RATE
-                    spoilt.append(HandleSample(time, time, force, number))
-            else:
-                spoilt.append(sample)
-        return spoilt
+        handles = [sample for sample in samples if isinstance(sample, HandleSample)]
+        mine = [changed(sample, sequence=1000 + n) for n, sample in enumerate(handles)]
+        times = [s.time + 0.5 / RATE for s in handles if since <= s.time - START < until]
+        others = [HandleSample(time, time, force, n) for n, time in enumerate(times, 1)]
+        rest = [sample for sample in samples if not isinstance(sample, HandleSample)]
+        return sorted([*mine, *others, *rest], key=lambda sample: sample.time)
 
     return spoil
 

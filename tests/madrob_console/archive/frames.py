@@ -36,22 +36,19 @@ def packed(picture: Image.Image, kind: str = "JPEG") -> bytes:
     return file.getvalue()
 
 
-def header(stamp: float) -> object:
+def image(kind: str, topic: str, stamp: float, log: float, **fields: object) -> RawMessage:
+    """A message of a camera by its own clock, received at another time; s since the epoch."""
     types = standard_types()
-    sec, rest = divmod(round(stamp * NS), NS)
-    time = types.make("builtin_interfaces/msg/Time", sec=sec, nanosec=rest)
-    return types.make("std_msgs/msg/Header", stamp=time, frame_id="camera")
+    sec, nanosec = divmod(round(stamp * NS), NS)
+    time = types.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    header = types.make("std_msgs/msg/Header", stamp=time, frame_id="camera")
+    message = types.encode(kind, types.make(kind, header=header, **fields))
+    return RawMessage(topic, kind, message, round(log * NS), round(log * NS))
 
 
 def compressed(topic: str, data: bytes, stamp: float, log: float, told: str = "jpeg") -> RawMessage:
-    fields = {
-        "header": header(stamp),
-        "format": told,
-        "data": np.frombuffer(data, dtype=np.uint8),
-    }
-    types = standard_types()
-    message = types.encode(COMPRESSED, types.make(COMPRESSED, **fields))
-    return RawMessage(topic, COMPRESSED, message, round(log * NS), round(log * NS))
+    content = np.frombuffer(data, dtype=np.uint8)
+    return image(COMPRESSED, topic, stamp, log, format=told, data=content)
 
 
 def raw(
@@ -66,18 +63,9 @@ def raw(
     log: float = 1.0,
     big: bool = False,
 ) -> RawMessage:
-    fields = {
-        "header": header(stamp),
-        "height": height,
-        "width": width,
-        "encoding": encoding,
-        "is_bigendian": int(big),
-        "step": step,
-        "data": np.frombuffer(data, dtype=np.uint8),
-    }
-    types = standard_types()
-    message = types.encode(RAW, types.make(RAW, **fields))
-    return RawMessage(topic, RAW, message, round(log * NS), round(log * NS))
+    size = {"height": height, "width": width, "step": step, "is_bigendian": int(big)}
+    content = np.frombuffer(data, dtype=np.uint8)
+    return image(RAW, topic, stamp, log, encoding=encoding, data=content, **size)
 
 
 def span(folder: Path) -> tuple[float, float]:
