@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 from mcap.writer import CompressionType, IndexType
 
@@ -126,10 +125,10 @@ def _reading(run: ReferenceRun, signal: Signal, time: float) -> Reading:
             return (Thresholds().lintel_height - height,) * SENSORS_PER_STRIP
 
 
-def write_bag(run: ReferenceRun, target: Path) -> None:
-    """A recording without the index of each message; the archive of all compresses it."""
+def bag_of(run: ReferenceRun) -> bytes:
+    """Its recording without the index of each message; the archive of all compresses it."""
     topics = [describe_topic(_TYPES, m.topic, m.type) for m in _MAPPINGS]
     topics += [topic for topic in referee_topics(_TYPES) if topic.name == REFEREE_EVENT_TOPIC]
     records = {RECORD_NAME: record_of(run).to_metadata()}
     options = {"index_types": IndexType.CHUNK, "compression": CompressionType.NONE}
-    target.write_bytes(by_library(messages(run), topics, records, **options))
+    return by_library(messages(run), topics, records, **options)
