@@ -19,7 +19,9 @@ from unicodedata import lookup
 import pytest
 from textual.app import App, ComposeResult
 from textual.containers import Container
-from textual.events import Event, Key
+from textual.drivers.headless_driver import HeadlessDriver
+from textual.events import Event, Key, MouseDown, MouseEvent, MouseMove, MouseUp, Resize
+from textual.geometry import Size
 from textual.keys import REPLACED_KEYS, _character_to_key, _get_unicode_name_from_key
 from textual.message import Message
 from textual.pilot import Pilot
@@ -111,8 +113,29 @@ class Shown:
         y, row = next(
             (y, row) for y, row in enumerate(self.rows()) if text in row and within in row
         )
-        await self.pilot.click(offset=(row.index(text), y), times=times)
+        await self.click_at(row.index(text), y, times)
+
+    async def click_at(self, x: int, y: int, times: int = 1) -> None:
+        """Click there, as a terminal tells of it."""
+        await self.send(*(mouse(kind, x, y) for kind in (MouseMove, *[MouseDown, MouseUp] * times)))
         await self.settle()
+
+    async def resize(self, width: int, height: int) -> None:
+        """The terminal has another size."""
+        size = Size(width, height)
+        assert isinstance(self.app._driver, HeadlessDriver)
+        self.app._driver._size = size
+        self.app.post_message(Resize(size, size))
+        await self.settle()
+
+    async def send(self, *events: Event) -> None:
+        """The same as the terminal tells."""
+        terminal = self.app._driver
+        assert terminal is not None
+        for event in events:
+            event.set_sender(self.app)
+            terminal.send_message(event)
+        await self.drawn()
 
     def rows(self) -> Sequence[str]:
         """The screen as text."""
@@ -128,6 +151,10 @@ class Shown:
     def marked(self) -> str:
         """The row under the mark."""
         return next(row for row in self.rows() if row.lstrip().startswith("> "))
+
+
+def mouse(kind: type[MouseEvent], x: int, y: int) -> MouseEvent:
+    return kind(None, x, y, 0, 0, 1, False, False, False, x, y)
 
 
 def _owes(screen: Screen[object]) -> bool:
@@ -236,6 +263,10 @@ class Driver(Shown):
         await self.settle()
 
 
+def _runs_nothing(_words: Sequence[str]) -> int:
+    return 0
+
+
 @asynccontextmanager
 async def driving(
     engine: HandEngine,
@@ -267,7 +298,9 @@ async def driving(
             assert get_ident() != here
             return (find or engine.find)(may_start)
 
-        app = MadrobApp(found, defaults, look, lambda: seconds[0], lambda: engine.now, ahead)
+        app = MadrobApp(
+            found, defaults, look, lambda: seconds[0], lambda: engine.now, ahead, _runs_nothing
+        )
         async with app.run_test(size=size) as pilot:
             driver = Driver(app, pilot, engine, hand, seconds)
 
@@ -449,11 +482,7 @@ def has(**values: object) -> Callable[[Driver], object]:
 def resized(width: int, height: int) -> Callable[[Any], object]:
     """The terminal has another size."""
 
-    async def resize(shown: Shown) -> None:
-        await shown.pilot.resize_terminal(width, height)
-        await shown.settle()
-
-    return resize
+    return lambda shown: shown.resize(width, height)
 
 
 def engine_does(deed: Callable[..., object], *values: object) -> Callable[[Driver], object]:

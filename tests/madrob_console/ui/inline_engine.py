@@ -470,7 +470,13 @@ class HandEngine(InlineEngine):
     def score(self) -> None:
         """The result of the stopped run is written."""
         assert not self.run.active
-        while self._engine.scored is None or self._engine.busy:
+        while self._engine.scored is None:
+            self.tick(0.1)
+        self.rest()
+
+    def rest(self) -> None:
+        """What an earlier run has left to do is done."""
+        while self._engine.busy:
             self.tick(0.1)
 
     def end(self) -> None:

@@ -496,7 +496,7 @@ async def test_keys_and_mouse_move_choose_and_sort() -> None:
         ("pageup", marks(39)),
         ("home up", marks(0)),
         ("down enter", lambda shown: shown.app.sent == [Table.Chosen("00001")]),
-        (lambda shown: shown.pilot.click(table, offset=(5, 4)),),
+        (lambda shown: shown.click_at(5, 4),),
         (Alone.settle, marks(3)),
         (lambda _: table.post_message(scroll),),
         (Alone.settle, marks(6), head("c0▲", missing="c8")),

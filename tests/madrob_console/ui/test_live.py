@@ -85,8 +85,7 @@ async def test_no_column_touches_or_cuts_the_next(driver: Driver, engine: HandEn
     done = replace(seen[1], final=now + 122.456, referee=denied)
     engine.put(steps=(first, done, *others))
     for width in (60, 64, 70, 80, 90, 100, 110, 130, 160, 200):
-        await driver.pilot.resize_terminal(width, 27)
-        await driver.settle()
+        await driver.resize(width, 27)
         rows = driver.rows()
         head = next(i for i, row in enumerate(rows) if "passage sensors" in row)
         begins = rows[head + 2].index("CCW ")

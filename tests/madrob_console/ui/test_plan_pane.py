@@ -74,7 +74,7 @@ def is_set_up(subject: int, condition: int) -> Callable[[Driver], object]:
 
 async def click(driver: Driver, team: str, cell: str, times: int = 1) -> None:
     y, row = next((y, row) for y, row in enumerate(driver.rows()) if team in row)
-    await driver.pilot.click(offset=(row.rindex(cell) + 1, y), times=times)
+    await driver.click_at(row.rindex(cell) + 1, y, times)
     await driver.answered()
 
 

@@ -19,7 +19,7 @@ from rich.color import Color, ColorSystem
 from rich.console import RenderableType
 from rich.segment import Segment
 from rich.terminal_theme import TerminalTheme
-from textual._compositor import CompositorUpdate
+from textual._compositor import Compositor, CompositorUpdate
 from textual.app import App, ComposeResult
 from textual.color import WHITE
 from textual.containers import Vertical
@@ -60,6 +60,7 @@ from tests.madrob_console.ui.driver import (
 from tests.madrob_console.ui.inline_engine import HandEngine
 from tests.madrob_console.ui.test_results import DOUBTED, OVER, TEXT
 
+RENDER_UPDATE = Compositor.render_update
 STORED = Path(__file__).parent / "screens"
 
 
@@ -201,6 +202,7 @@ async def test_changed_cells_add_up_to_the_screen_also_by_textuals_own_composito
         display(app, screen, update)
 
     monkeypatch.setattr(MadrobApp, "_display", show)
+    monkeypatch.setattr(Compositor, "render_update", RENDER_UPDATE)
 
     def same(driver: Driver) -> bool:
         return [row.rstrip() for row in terminal.display] == driver.rows()
