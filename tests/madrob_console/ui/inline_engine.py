@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import shutil
 import sys
-import threading
 import time
 import weakref
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -19,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from random import Random
 from tempfile import mkdtemp
-from typing import Any
+from typing import Any, TypeVar
 
 from madrob_console.archive.folders import RunName
 from madrob_console.archive.history import History
@@ -28,12 +27,8 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.playback import PlaybackCommand
-from madrob_console.engine.priority_queue import PriorityQueue
 from madrob_console.engine.requests import (
-    ExportDossier,
-    ExportTeam,
     GiveFrames,
-    GivePlan,
     NextRunNumber,
     OpenRun,
     Perform,
@@ -43,7 +38,7 @@ from madrob_console.engine.requests import (
 )
 from madrob_console.engine.runtime.engine_thread import LocalEngine, QueuedRequest
 from madrob_console.engine.runtime.testbed_engine import Engine
-from madrob_console.engine.snapshot import ExportView, RightToAct, Snapshot
+from madrob_console.engine.snapshot import RightToAct, Snapshot
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, describe_topic, referee_topics
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import (
@@ -56,7 +51,6 @@ from madrob_console.referee.acts import (
     Start,
     act_named,
 )
-from madrob_console.referee.competition_plan import plan_progress
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.referee.topic_health import SensorLimits
@@ -160,134 +154,6 @@ class HandSource(Source):
         """There is nothing to close."""
 
 
-class InlineEngine(LocalEngine):
-    """An engine in virtual time without its thread, whose link can be lost.
-
-    Attributes:
-        shown: fields of the state that a test sets.
-        right: of the screen.
-        failure: why nothing comes from it.
-        acts: that were done.
-        instead: what becomes of an act instead; it answers why that is refused.
-        slow: whether requests wait until `answer` is called.
-        waiting: those that do, and their answers to come.
-    """
-
-    def __init__(self, engine: Engine) -> None:
-        self.shown: dict[str, Any] = {}
-        self.right = RightToAct()
-        self.takes_over = True
-        self.failure: str | None = None
-        self.acts: list[Act] = []
-        self.instead: Callable[[Act], str | None] | None = None
-        self.slow = False
-        self.waiting: list[tuple[Request[Any], Future[Any]]] = []
-        self.closed = False
-        self._engine = engine
-        self._fallen = lambda: None
-        self._reporting = no_reporting(engine.config.results)
-        self._turns = PriorityQueue()
-        self._begun = set()
-        self._history = History(engine.config.results)
-        self._stop = threading.Event()
-        self._failure = None
-        self._writing = ("", 0.0)
-        self._look()
-        self._last = self._snapshot
-
-    @property
-    def now(self) -> float:
-        return self._engine.now()
-
-    @property
-    def run(self) -> Run:
-        return self._engine.run
-
-    def tick(self, duration: float, step: float = 1 / RATE) -> None:
-        """Let time pass."""
-        end = self.now + duration
-        while (left := end - self.now) > 1e-6:
-            self._engine.step(min(step, left))
-        self._look()
-
-    def snapshot(self) -> Snapshot:
-        if self.failure is not None:
-            raise MadrobError(self.failure)
-        self._stepped = time.monotonic()
-        state = self.as_sent(super().snapshot())
-        if state != self._last:
-            self._last = state
-        return self._last
-
-    def as_sent(self, state: Snapshot) -> Snapshot:
-        return replace(state, right=self.right, **self.shown)
-
-    def begin_request(self, request: Request[T], *args: Any, **named: Any) -> Future[T]:  # noqa: ANN401
-        answer: Future[Any] = Future()
-        if self.slow:
-            self.waiting.append((request, answer))
-            return answer
-        if self.failure is not None:
-            answer.set_exception(MadrobError(self.failure))
-            return answer
-        try:
-            value = self.carried_out(request)
-        except MadrobError as error:
-            answer.set_exception(error)
-        else:
-            if value is ...:
-                return super().begin_request(request, *args, **named)
-            answer.set_result(value)
-        return answer
-
-    def carried_out(self, request: Request[Any]) -> object:
-        """What is not left to the engine's own client, which is then `...`."""
-        match request:
-            case Perform(name, details):
-                act = act_named(name, details)
-                refused = (self.instead or self._engine.perform)(act)
-                self.acts += [act] * (refused is None)
-                self._look()
-                return refused
-            case TakeOver() if self.takes_over:
-                self.right = RightToAct()
-            case TakeOver():
-                return "this screen only watches"
-        return ...
-
-    def _put(self, turn: QueuedRequest, *, urgent: bool = False) -> Future[Any]:
-        self._take(turn)
-        return turn.answer
-
-    def answer(self) -> None:
-        """Carry out and answer what waits and was not given up; it is slow no more."""
-        self.slow = False
-        waiting, self.waiting = self.waiting, []
-        for request, answer in waiting:
-            if answer.set_running_or_notify_cancel():
-                answer.set_result(self.send_request(request))
-
-    def act(self, act: Act) -> str | None:
-        return self.send_request(Perform.of(act))
-
-    def put(self, **values: Any) -> None:  # noqa: ANN401
-        """Set fields of the state that is shown, or of this engine."""
-        for name, value in values.items():
-            if name in _SHOWN:
-                self.shown[name] = value
-            else:
-                assert hasattr(self, name), name
-                setattr(self, name, copy(value))
-        self._look()
-
-    def would_refuse(self, act: Act) -> str | None:
-        return act.refusal(self._engine.situation())
-
-    def close(self) -> None:
-        """The engine goes on."""
-        self.closed = True
-
-
 DISK_FREE = 41_000_000_000
 FOLDER = "/results/subject_001_cond_001_run_001_20231114_221325"
 _OF_TESTBED = {
@@ -301,15 +167,31 @@ _OF_TESTBED = {
     "occupied",
 }
 _types = cache(MessageTypes)
+R = TypeVar("R", bound=Request[Any])
 
 
-class HandEngine(InlineEngine):
-    """An engine on such a testbed, with prepared results.
+class _Runs(History):
+    """What a test says that was run before."""
+
+    def __init__(self) -> None:
+        self.runs: list[RunSummary] = []
+
+    def refresh(self) -> tuple[RunSummary, ...]:
+        return tuple(self.runs)
+
+
+class HandEngine(LocalEngine):
+    """An engine without its thread on such a testbed, whose link can be lost.
 
     Attributes:
-        opened, exported, dossiers: folders, subjects with their competition and folders.
-        commands: of a replay.
-        history: the runs that the plan knows of.
+        shown: fields of the state that a test sets.
+        right: of the screen, if it `takes_over`.
+        failure: why nothing comes from it; `no_number`: why it knows of no number.
+        acts: that were done; `requests`: what else was wanted.
+        instead: what becomes of an act instead; it answers why that is refused.
+        frames: where the cameras' frames are.
+        slow: whether requests wait until `answer` is called.
+        waiting: those that do, and their answers to come.
         follower: what is found after it.
     """
 
@@ -327,72 +209,159 @@ class HandEngine(InlineEngine):
             lossless=True,
             random=Random(0).randbytes,
         )
-        engine = Engine(self.source, self.clock, config, types, scorer=self.scorer)
-        engine.open()
-        engine.step(0.0)
-        self.opened: list[str] = []
-        self.exported: list[ExportTeam] = []
-        self.dossiers: list[str] = []
-        self.commands: list[Request[Any]] = []
-        self.frames = ""
-        self.history: list[RunSummary] = []
+        self._engine = Engine(self.source, self.clock, config, types, scorer=self.scorer)
+        self._engine.open()
+        self._engine.step(0.0)
+        self._fallen = lambda: None
+        self._reporting = no_reporting(self.folder)
+        self._begun = set()
+        self._history = self._runs = _Runs()
+        self._failure = None
+        self._writing = ("", 0.0)
+        self.shown: dict[str, Any] = {"disk_free": DISK_FREE, "provisional_doubts": {}}
+        self.right, self.takes_over = RightToAct(), True
+        self.failure: str | None = None
         self.no_number: str | None = None
+        self.acts: list[Act] = []
+        self.requests: list[Request[Any]] = []
+        self.instead: Callable[[Act], str | None] | None = None
+        self.frames = ""
+        self.slow = self.closed = False
+        self.waiting: list[tuple[Request[Any], Future[Any]]] = []
         self.follower: HandEngine | MadrobError | None = None
         self.looked_for = self.started = 0
-        super().__init__(engine)
-        self.shown |= {"disk_free": DISK_FREE, "provisional_doubts": {}}
+        self._look()
+        self._last = self._snapshot
         self.put(**values)
 
-    def put(self, **values: Any) -> None:  # noqa: ANN401
-        """Also fields of the testbed, the lists, and what is prepared."""
-        signals = values.keys() & {"angle", "force", "occupied"}
-        for name in values.keys() & _OF_TESTBED:
-            setattr(self.source, name, copy(values.pop(name)))
-        for name in values.keys() & {"teams", "plan"}:
-            getattr(self._engine, f"set_{name}")(values.pop(name))
-        self.scorer.indicators = values.pop("indicators", self.scorer.indicators)
-        self._use_numbers(values.pop("used_numbers", {}))
-        if signals:
-            self.hear()
-        super().put(**values)
+    @property
+    def now(self) -> float:
+        return self._engine.now()
 
-    def _use_numbers(self, used: Mapping[tuple[int, int], int]) -> None:
-        for (subject, condition), number in used.items():
-            (self.folder / RunName(subject, condition, number).folder_name(EPOCH)).mkdir()
+    @property
+    def run(self) -> Run:
+        return self._engine.run
 
-    def as_sent(self, state: Snapshot) -> Snapshot:
+    @property
+    def history(self) -> list[RunSummary]:
+        """The runs that the plan knows of."""
+        return self._runs.runs
+
+    def tick(self, duration: float) -> None:
+        """Let time pass."""
+        end = self.now + duration
+        while (left := end - self.now) > 1e-6:
+            self._engine.step(min(1 / RATE, left))
+        self._look()
+
+    def snapshot(self) -> Snapshot:
+        if self.failure is not None:
+            raise MadrobError(self.failure)
+        self._stepped = time.monotonic()
+        state = super().snapshot()
         folder, recorder = state.folder, state.recorder
         if recorder.state != "closed":
             # how far its thread is depends on the moment
             recorder = replace(recorder, messages=12345, size=3_400_000)
         if folder is not None:
             folder = str(Path("/results") / Path(folder).name)
-        return super().as_sent(replace(state, folder=folder, recorder=recorder))
+        fields = {"folder": folder, "recorder": recorder, "right": self.right}
+        state = replace(state, **{**fields, **self.shown})
+        if state != self._last:
+            self._last = state
+        return self._last
 
-    def carried_out(self, request: Request[Any]) -> object:
+    def begin_request(self, request: Request[T], *args: Any, **named: Any) -> Future[T]:  # noqa: ANN401
+        answer: Future[Any] = Future()
+        if self.slow:
+            self.waiting.append((request, answer))
+            return answer
+        try:
+            value = self._answer(request)
+        except MadrobError as error:
+            answer.set_exception(error)
+        else:
+            if value is ...:
+                return super().begin_request(request, *args, **named)
+            answer.set_result(value)
+        return answer
+
+    def _answer(self, request: Request[Any]) -> object:
+        """What is not left to the engine itself, which is then `...`."""
+        if self.failure is not None:
+            raise MadrobError(self.failure)
+        if not isinstance(request, Perform):
+            self.requests.append(request)
         match request:
+            case Perform(name, details):
+                act = act_named(name, details)
+                refused = (self.instead or self._engine.perform)(act)
+                self.acts += [act] * (refused is None)
+                self._look()
+                return refused
+            case TakeOver() if self.takes_over:
+                self.right = RightToAct()
+            case TakeOver():
+                return "this screen only watches"
             case NextRunNumber() if self.no_number is not None:
                 raise MadrobError(self.no_number)
-            case OpenRun(folder, invalid):
-                self.opened.append(f"{folder} invalid" if invalid else folder)
-            case ExportTeam(subject):
-                self.exported.append(request)
-                self.put(export=ExportView(subject))
-            case ExportDossier(folder):
-                self.dossiers.append(folder)
-                self.put(export=ExportView(0, dossier=folder))
-            case PlaybackCommand():
-                self.commands.append(request)
+            case GiveFrames() if not self.frames:
+                raise MadrobError("it holds no evidence")
             case GiveFrames():
-                self.commands.append(request)
-                if not self.frames:
-                    raise MadrobError("it holds no evidence")
                 return self.frames
-            case GivePlan():
-                return plan_progress(self.snapshot().plan, self.history, "Autumn Cup")
-            case _:
-                return super().carried_out(request)
-        return None
+            case OpenRun() | PlaybackCommand():
+                return None  # there is no such run
+        return ...
+
+    def sent(self, *kinds: type[R]) -> list[R]:
+        """The requests of such kinds."""
+        return [request for request in self.requests if isinstance(request, kinds)]
+
+    def _put(self, turn: QueuedRequest, *, urgent: bool = False) -> Future[Any]:
+        self._take(turn)
+        return turn.answer
+
+    def answer(self) -> None:
+        """Carry out and answer what waits and was not given up; it is slow no more."""
+        self.slow = False
+        waiting, self.waiting = self.waiting, []
+        for request, answer in waiting:
+            if answer.set_running_or_notify_cancel():
+                answer.set_result(self.send_request(request))
+
+    def act(self, act: Act) -> str | None:
+        return self.send_request(Perform.of(act))
+
+    def put(self, **values: Any) -> None:  # noqa: ANN401
+        """Set what the testbed says, lists, what is prepared, or fields of state and engine."""
+        for name, value in values.items():
+            if name in _OF_TESTBED:
+                setattr(self.source, name, copy(value))
+            elif name in {"teams", "plan"}:
+                getattr(self._engine, f"set_{name}")(value)
+            elif name == "indicators":
+                self.scorer.indicators = value
+            elif name == "history":
+                self._runs.runs = copy(value)
+            elif name == "used_numbers":
+                for (subject, condition), number in value.items():
+                    folder = RunName(subject, condition, number).folder_name(EPOCH)
+                    (self.folder / folder).mkdir()
+            elif name in _SHOWN:
+                self.shown[name] = value
+            else:
+                assert hasattr(self, name), name
+                setattr(self, name, copy(value))
+        if values.keys() & {"angle", "force", "occupied"}:
+            self.hear()
+        self._look()
+
+    def would_refuse(self, act: Act) -> str | None:
+        return act.refusal(self._engine.situation())
+
+    def close(self) -> None:
+        """The engine goes on."""
+        self.closed = True
 
     def find(self, may_start: bool) -> HandEngine:
         """What is found in its place; itself, started again, unless something follows."""

@@ -20,7 +20,14 @@ from madrob_console.common.names import ThemeName
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.ipc.engine_interface import EngineClient, UnsureError
 from madrob_console.engine.playback import PlaybackCommand
-from madrob_console.engine.requests import UNSURE, Role, TakeOver
+from madrob_console.engine.requests import (
+    UNSURE,
+    ExportDossier,
+    ExportTeam,
+    OpenRun,
+    Role,
+    TakeOver,
+)
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.referee.acts import Abort, DeclareTimeout
 from madrob_console.referee.run import Phase
@@ -102,8 +109,7 @@ async def test_from_every_state_every_key_acts_asks_or_says_why_not(
     engine.instead = engine.would_refuse
     for key in ACTS:
         engine.acts = list(acts)
-        engine.exported.clear()
-        engine.dossiers.clear()
+        engine.requests.clear()
         driver.console.say("")
         refused = engine.snapshot().refusal(key.act)
         await driver.app.action_press(key.name, key.keys.partition(",")[0] or key.cap)
@@ -117,7 +123,7 @@ async def test_from_every_state_every_key_acts_asks_or_says_why_not(
             await driver.press("escape")
             assert (engine.acts, driver.console.dialogs) == (acts, []), key
         else:
-            packed = engine.exported or engine.dossiers
+            packed = engine.sent(ExportTeam, ExportDossier)
             done = len(engine.acts) == len(acts) + 1 or packed
             assert done or "Refused" in driver.console.status
         await driver.press("f3")
@@ -262,8 +268,8 @@ def has_right(right: RightToAct) -> Callable[[Driver], object]:
     return lambda driver: driver.engine.right == right
 
 
-def was_opened(*folders: str) -> Callable[[Driver], object]:
-    return lambda driver: driver.engine.opened == [*folders]
+def was_opened(*runs: OpenRun) -> Callable[[Driver], object]:
+    return lambda driver: driver.engine.sent(OpenRun) == [*runs]
 
 
 STORIES: Stories = {
@@ -318,7 +324,7 @@ STORIES: Stories = {
         (answered("f3 h"),),
         (
             answered("enter o"),
-            lambda d: d.engine.opened == [EARLIER.folder],
+            was_opened(OpenRun(EARLIER.folder)),
             pane("results"),
         ),
         (answered("h"),),
@@ -342,10 +348,10 @@ STORIES: Stories = {
         (answered("escape h"),),
         *(
             row
-            for key, folders in (("l", []), ("i", [f"{EARLIER.folder} invalid"]))
+            for key, runs in (("l", []), ("i", [OpenRun(EARLIER.folder, invalid=True)]))
             for row in (
                 (answered("enter o"), "A RUN WAS CUT OFF: run 2 of subject 3 Delft"),
-                (answered(key), was_opened(*folders)),
+                (answered(key), was_opened(*runs)),
             )
         ),
     ],
@@ -576,11 +582,11 @@ STORIES: Stories = {
     **{
         f"a run that was cut off is asked about and nothing resumes by itself: {key}": [
             (on_engine(unfinished=(CUT_OFF,)), CUT_OFF_SO, *CUT_OFF_ANSWERS),
-            (key, no_question, was_opened(*folders)),
+            (key, no_question, was_opened(*runs)),
         ]
-        for key, folders in (
-            ("s", [EARLIER.folder]),
-            ("i", [f"{EARLIER.folder} invalid"]),
+        for key, runs in (
+            ("s", [OpenRun(EARLIER.folder)]),
+            ("i", [OpenRun(EARLIER.folder, invalid=True)]),
             ("enter", []),
             ("escape", []),
         )
@@ -591,7 +597,7 @@ STORIES: Stories = {
             "score it as it ended",
             no("as if aborted"),
         ),
-        ("s", no_question, was_opened(EARLIER.folder)),
+        ("s", no_question, was_opened(OpenRun(EARLIER.folder))),
     ],
     "the footer says that letters type while they do": [
         ("f2", lambda d: d.rows()[-1].startswith("typing; Esc: keys  F7 Zero  Enter Set up")),

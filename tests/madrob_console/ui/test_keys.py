@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 from rich.cells import cell_len
-from textual.events import MouseDown, MouseUp
 from textual.geometry import Offset
 from textual.widgets import Input
 
+from madrob_console.engine.requests import OpenRun
 from madrob_console.engine.snapshot import ExportView, Pulse
 from madrob_console.referee.acts import (
     ACTS,
@@ -228,19 +228,6 @@ async def test_a_console_that_comes_back_to_a_run_shows_it(*, over: bool) -> Non
     await play(lambda: engine, rows)
 
 
-async def press_button(driver: Driver, text: str) -> None:
-    """The same as the terminal tells of it."""
-    y, row = next((y, row) for y, row in enumerate(driver.rows()) if text in row)
-    x = row.index(text)
-    for kind in (MouseDown, MouseUp):
-        event = kind(None, x, y, 0, 0, 1, False, False, False, x, y)
-        event.set_sender(driver.app)
-        assert driver.app._driver is not None
-        driver.app._driver.send_message(event)
-        await driver.pilot.pause()
-    await driver.pilot.pause()
-
-
 def test_a_path_is_whole_or_cut_in_its_middle_and_never_broken_in_a_number() -> None:
     path = "/home/ada/madrob_runs/subject_001_cond_001_run_001_20231114_221320"
     assert cut_inside(path, len(path)) == path
@@ -294,7 +281,7 @@ STORIES: Stories = {
         (acting(Driver.click, "sub"), subjects(1, 2, 3)),
         (acting(Driver.click, "sub"), subjects(3, 2, 1)),
         (double_click_below,),
-        (answered("o"), lambda d: d.engine.opened == [summary(2).folder]),
+        (answered("o"), lambda d: d.engine.sent(OpenRun) == [OpenRun(summary(2).folder)]),
     ],
     "y copies the result its folder and a line that fetches it": [
         (opened(defaults=replace(DEFAULTS, host="hall")),),
@@ -405,9 +392,9 @@ STORIES: Stories = {
         ("f10",),
         (has(pulse=Pulse(server=4)), "Nobody can say whether the run goes on"),
         (types_every(0.0),),
-        (acting(press_button, "y yes"), lambda d: d.app.is_running, "the click is left out"),
+        (acting(Driver.click, "y yes"), lambda d: d.app.is_running, "the click is left out"),
         (types_every(1.0),),
-        (acting(press_button, "y yes"), lambda d: not d.app.is_running),
+        (acting(Driver.click, "y yes"), lambda d: not d.app.is_running),
     ],
     "the form is filled by the mouse": [
         ("escape",),

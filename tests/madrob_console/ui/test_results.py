@@ -16,6 +16,7 @@ from textual.widgets import Input
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import date_of
 from madrob_console.common.names import SourceKind
+from madrob_console.engine.requests import ExportDossier
 from madrob_console.engine.snapshot import Pulse
 from madrob_console.pages.tally import Aggregate
 from madrob_console.referee.acts import (
@@ -433,12 +434,18 @@ STORIES: Stories = {
         (
             "enter E",
             says("Packing the dossier of"),
-            lambda d: d.console.status == export_text(d.engine.shown["export"]),
+            lambda d: d.console.status == export_text(d.engine.snapshot().export),
         ),
         ("f4 enter", no("Dossier")),
         ("escape",),
         *OVER,
-        ("f4 enter E", lambda d: d.engine.dossiers == [summary(7).folder, Path(FOLDER).name]),
+        (
+            "f4 enter E",
+            lambda d: (
+                d.engine.sent(ExportDossier)
+                == [ExportDossier(summary(7).folder), ExportDossier(Path(FOLDER).name)]
+            ),
+        ),
     ],
     "R says what to type where the terminal cannot be lent": [
         (opened(LARGE, runs=[SEVENTH]),),

@@ -348,7 +348,7 @@ SPRING = summary(7, competition="Spring Cup", hour=1)
 
 
 def packed(*teams: ExportTeam) -> Callable[[Driver], object]:
-    return lambda driver: driver.engine.exported == [*teams]
+    return lambda driver: driver.engine.sent(ExportTeam) == [*teams]
 
 
 PACKED: Stories = {

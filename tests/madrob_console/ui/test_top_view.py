@@ -310,7 +310,7 @@ def test_the_result_says_how_it_compares_with_the_stored_one(words: str) -> None
 
 
 def commanded(command: PlaybackCommand | GiveFrames) -> Callable[[Driver], object]:
-    return lambda driver: driver.engine.commands[-1] == command
+    return lambda driver: driver.engine.sent(PlaybackCommand, GiveFrames)[-1] == command
 
 
 FRAMES = "/tmp/madrob_frames_1/run_12.340_s"
@@ -329,7 +329,7 @@ STORIES: Stories = {
         (
             "space full_stop comma less_than_sign plus minus",
             lambda d: (
-                d.engine.commands
+                d.engine.sent(PlaybackCommand)
                 == [PlayOrPause(), Skip(0.02), Skip(-0.02), Skip(-1.0), Faster(), Slower()]
             ),
         ),
