@@ -160,7 +160,8 @@ def mouse(kind: type[MouseEvent], x: int, y: int) -> MouseEvent:
 def _owes(screen: Screen[object]) -> bool:
     shown = screen._compositor.visible_widgets
     return (
-        screen._layout_required
+        screen.app._resize_timer is not None  # it waits for another size
+        or screen._layout_required
         or screen._scroll_required
         or bool(screen._dirty_widgets or screen._callbacks)
         or any(widget._layout_required or widget._repaint_required for widget in shown)

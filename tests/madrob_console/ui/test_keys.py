@@ -387,6 +387,13 @@ STORIES: Stories = {
         (acting(Driver.click, "robot unsafe"),),
         (acting(Driver.click, "y yes"), Abort("robot unsafe")),
     ],
+    "a click beside a question is for nothing behind it": [
+        (Driver.run,),
+        ("f8", "ABORT the run"),
+        (acting(Driver.click, "1 touch", ">"), "ABORT the run", no("Step 1: touch")),
+        ("escape",),
+        (acting(Driver.click, "1 touch", ">"), "Step 1: touch"),
+    ],
     "a click that comes as the question changes is left out": [
         (Driver.run,),
         ("f10",),
