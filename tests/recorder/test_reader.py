@@ -12,7 +12,8 @@ from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO
+from typing import Any
+from unittest.mock import Mock
 
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
@@ -51,7 +52,6 @@ from recorder.bag import (
     parse_qos,
     qos_text,
 )
-from recorder.chunks import ChunkContent
 from recorder.errors import RecorderError
 from recorder.mcap_reader import read_chunk
 from recorder.reader import Bag, Seeker
@@ -414,19 +414,16 @@ def test_qos_and_type_hash_of_other_recordings_are_kept(tmp_path: Path) -> None:
 
 def _with_chunks(path: Path, chunks: list[Chunk]) -> None:
     """A finished file of these chunks, whatever is in them; its index has them all."""
-    content = MCAP0_MAGIC
-    indexes: list[McapRecord] = []
+    content, indexes = MCAP0_MAGIC, list[McapRecord]()
     for chunk in chunks:
         end, size = chunk.message_end_time, chunk.uncompressed_size
-        index = ChunkIndex(0, len(content), chunk.compression, 0, end, 0, {1: 0}, 0, size)
-        indexes.append(index)
+        indexes.append(ChunkIndex(0, len(content), chunk.compression, 0, end, 0, {1: 0}, 0, size))
         content += encoded(chunk)
     schema = Schema(1, b"string data", "ros2msg", talk().type)
     channel = Channel(1, "/talk", "cdr", {}, 1)
     told = Statistics(0, 1, {1: 1}, len(chunks), 1, 2**62, 0, 0, 1)
-    footer = Footer(len(content), 0, 0)
-    content += encoded(schema, channel, *indexes, told, footer) + MCAP0_MAGIC
-    path.write_bytes(content)
+    end_of_file = encoded(schema, channel, *indexes, told, Footer(len(content), 0, 0))
+    path.write_bytes(content + end_of_file + MCAP0_MAGIC)
 
 
 @pytest.mark.parametrize("claim", [0, 2**20, 2**62])
@@ -449,18 +446,12 @@ def test_however_many_chunks_claim_an_instant_few_are_unpacked_for_it(
     records = encoded(*[Message(1, 5, bytes(2**20), 5, 0)] * 63)
     bomb = Chunk("zstd", zstandard.compress(records), 2**62, 0, 0, len(records))
     _with_chunks(tmp_path / "a.mcap", [bomb] * 50)
-    seeker = Seeker(tmp_path / "a.mcap")
-    looked_at: list[int] = []
-
-    def read(file: BinaryIO, offset: int) -> ChunkContent:
-        looked_at.append(offset)
-        return read_chunk(file, offset)
-
-    monkeypatch.setattr(reader, "read_chunk", read)
+    seeker, looked_at = Seeker(tmp_path / "a.mcap"), Mock(side_effect=read_chunk)
+    monkeypatch.setattr(reader, "read_chunk", looked_at)
     found = seeker.nearest("/talk", 10, 100)
     assert found is not None
     assert found.receive_ns == 5
-    assert 0 < len(looked_at) < 6
+    assert 0 < looked_at.call_count < 6
 
 
 def test_to_find_one_message_a_small_part_of_the_file_is_read(place: Path) -> None:

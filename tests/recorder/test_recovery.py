@@ -17,6 +17,7 @@ from dataclasses import replace
 from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
+from unittest.mock import Mock
 
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
@@ -399,16 +400,13 @@ def test_a_file_among_others_is_repaired_without_a_metadata_yaml(
     assert names(folder) == ["bag_0.mcap", "bag_0.mcap.torn", "other.mcap"]
 
 
-def no_links(*_: object, **__: object) -> None:
-    raise OSError(errno.EPERM, os.strerror(errno.EPERM))
-
-
 @pytest.mark.parametrize("links", [True, False])
 def test_a_kill_at_any_moment_loses_nothing(
     folder: Path, links: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not links:
-        monkeypatch.setattr(os, "link", no_links)
+        refuse = Mock(side_effect=OSError(errno.EPERM, os.strerror(errno.EPERM)))
+        monkeypatch.setattr(os, "link", refuse)
     with BagWriter(folder, [talk()], RUN_RECORD, flush_period=1e6) as writer:
         for message in MESSAGES[:20]:
             writer.put_message(message)

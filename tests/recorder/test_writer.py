@@ -17,7 +17,8 @@ from functools import partial
 from io import BytesIO
 from itertools import count, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given, settings
@@ -366,11 +367,9 @@ def test_what_cannot_be_recorded_is_refused_in_one_line_before_anything_is_made(
 def test_a_recording_without_a_thread_to_write_it_is_refused_and_can_be_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(_: threading.Thread) -> NoReturn:
-        raise RuntimeError("can't start new thread")
-
     writer = BagWriter(tmp_path / "bag", [talk()], {})
     with monkeypatch.context() as short:
+        refuse = Mock(side_effect=RuntimeError("can't start new thread"))
         short.setattr(threading.Thread, "start", refuse)
         with pytest.raises(RecorderError, match="can't start new thread; end other programs"):
             writer.open()
@@ -383,14 +382,11 @@ def test_a_recording_without_a_thread_to_write_it_is_refused_and_can_be_tried_ag
 def test_a_recording_that_wants_memory_says_that_it_has_failed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: object) -> NoReturn:
-        raise MemoryError
-
     writer = BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0.02)
     writer.open()
     with monkeypatch.context() as short:
-        short.setattr(McapFile, "add_message", fail)
-        short.setattr(writer, "_report", fail)  # nor is there any to say how far it came
+        short.setattr(McapFile, "add_message", Mock(side_effect=MemoryError))
+        short.setattr(writer, "_report", Mock(side_effect=MemoryError))  # nor to say how far
         writer.put_message(strings(["a"])[0])
         until(lambda: writer.stats().state is RecorderState.FAILED)
     assert "MemoryError" in (writer.close().error or "")

@@ -334,21 +334,19 @@ class Plain:
         self._edges: dict[PassageSensor, list[tuple[float, bool]]] = {
             sensor: [] for sensor in PASSAGE_SENSORS
         }
-        self._falls: list[tuple[float, Side]] = []
         self.crossed: float | None = None
         for sample in samples:
             self._feed(sample)
 
     def _feed(self, sample: PassageSample) -> None:
         for sensor in (s for s in PASSAGE_SENSORS if s.strip is sample.strip):
-            before, self._state[sensor] = self._state[sensor], sample.ranges[sensor.element] < 1.5
-            now = self._state[sensor]
-            edges, known = self._edges[sensor], len(self._edges[sensor])
+            before, now = self._state[sensor], sample.ranges[sensor.element] < 1.5
+            edges, self._state[sensor] = self._edges[sensor], now
+            known = len(edges)
             if sample.time >= START and not edges and before:
                 edges.append((START, True))  # up at the start
             if sample.time >= START and now is not bool(before):
-                edges.append((sample.time, bool(now)))
-            self._falls += [(time, sensor.side) for time, value in edges[known:] if not value]
+                edges.append((sample.time, now))
             if now is not before or len(edges) > known:
                 self._judge(max(sample.time, START))
 
@@ -367,8 +365,14 @@ class Plain:
 
     def _last_fall(self, until: float) -> tuple[float, Side] | None:
         """At one instant a fall on the destination side counts, whichever came first."""
+        falls = (
+            (time, sensor.side)
+            for sensor, edges in self._edges.items()
+            for time, up in edges
+            if not up and time <= until
+        )
         return max(
-            (fall for fall in self._falls if fall[0] <= until),
+            falls,
             key=lambda fall: (fall[0], fall[1] is self._condition.destination_side),
             default=None,
         )
