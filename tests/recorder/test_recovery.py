@@ -258,7 +258,9 @@ def test_to_repair_twice_is_harmless_and_what_is_torn_again_is_kept_again(
     assert torn == [bag.data[: bag.middle], again]
 
 
-@pytest.mark.parametrize("text", [None, "", "rosbag2_bagfile_info", "stale"])
+@pytest.mark.parametrize(
+    "text", [None, "", "rosbag2_bagfile_info", "rosbag2_bagfile_information: {}", "stale"]
+)
 def test_a_whole_recording_gets_the_metadata_yaml_it_lacks(
     bag: TornBag, folder: Path, text: str | None
 ) -> None:
