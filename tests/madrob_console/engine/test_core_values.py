@@ -30,6 +30,7 @@ from madrob_console.engine.core.effects import (
     ReopenJournal,
     RetryWriting,
     Score,
+    WithdrawLine,
     WriteLine,
     WriteResult,
 )
@@ -41,6 +42,7 @@ from madrob_console.engine.core.inputs import (
     DoAct,
     Input,
     JournalReopened,
+    LineWithdrawn,
     LineWritten,
     OpenEarlierRun,
     RecordingClosed,
@@ -184,6 +186,19 @@ def test_a_note_that_overtakes_an_act_stands_behind_it_as_on_disk(values: Values
     stand = values.core.current_run.state.lines.entries
     assert [one.what for one in handed] == [RestartCountdown.name, AddNote.name]
     assert [one for one in stand if one in handed] == handed
+
+
+def test_an_abort_wins_over_a_restart_that_is_being_written(values: Values) -> None:
+    opening = values.asked_to_start()
+    values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))
+    values.do(RestartCountdown("robot not ready"))
+    effects = values.do(Abort("enough"))
+    assert Answer(values.number, None) in effects
+    (withdraw,) = (one for one in effects if isinstance(one, WithdrawLine))
+    why = "the run has stopped: it is withdrawn"
+    withdrawn = values.take(LineWithdrawn(withdraw.withdrawal))
+    assert Answer(values.number - 1, why) in withdrawn
+    assert values.core.current_run.run.outcome is Outcome.ABORTED
 
 
 def is_line(effect: Effect) -> TypeGuard[WriteLine]:

@@ -510,6 +510,7 @@ def test_an_engine_that_hangs_with_a_full_backlog_is_found_and_named_at_once(
         assert time.monotonic() - began < 0.5
         assert found is not None
         assert (found.pid, found.answer) == (os.getpid(), None)
-        assert f"pid {os.getpid()}, since" in str(refusal(owned))
+        refused = refusal(owned)
+        assert (refused.same, f"pid {os.getpid()}, since" in str(refused)) == (True, True)
         with process_of(found):
             pass

@@ -34,6 +34,7 @@ from madrob_console.engine.playback import (
     Slower,
 )
 from madrob_console.engine.snapshot import Snapshot
+from madrob_console.pages.competition import competition_standings
 from madrob_console.referee.acts import (
     ACTS,
     Abort,
@@ -57,6 +58,7 @@ from tests.madrob_console.recorded_runs import (
     completed,
     without_digests,
 )
+from tests.madrob_console.run_folders import summary
 from tests.slowly import slow_but_for
 
 SIGNED = Finalise(TeamWord.ACKNOWLEDGED, "Ada")
@@ -236,7 +238,7 @@ def never_started(results: Path) -> Path:
 
 
 @pytest.mark.parametrize("why", ["", "the disk did not take it within 2 s"])
-def test_a_run_that_was_never_started_is_not_asked_about_and_said_to_be_such(
+def test_a_run_that_was_never_started_is_not_asked_about_and_counts_nowhere(
     tmp_path: Path, why: str
 ) -> None:
     folder = never_started(tmp_path)
@@ -253,6 +255,10 @@ def test_a_run_that_was_never_started_is_not_asked_about_and_said_to_be_such(
     assert (run.outcome_word, run.problem, run.team, run.never_ran) == (
         *("never ran", None, "Delft", never),
     )
+    valid = summary(subject=3, condition=1, team="Delft", ruleset="protocol", source="simulated")
+    standings = competition_standings([run, valid], made=0.0, official=False)
+    assert not standings.left_out
+    assert standings.groups[0].overall[0].without_result == 0
     assert next_run_number(tmp_path, 3, 1) == 2
 
 
@@ -534,6 +540,12 @@ def test_a_journal_that_lost_a_line_is_told_from_the_one_in_the_bag(copy: Path) 
 
 
 # ---------------------------------------------------------------- bad recordings
+
+
+def test_a_bag_alone_is_played_with_the_decisions_that_it_holds(copy: Path) -> None:
+    (bag,) = copy.glob("*.mcap")
+    run = Deck(bag).to_the_end().run
+    assert (run.outcome, len(run.incidents), run.rulings) == (Outcome.TIMEOUT, 1, ())
 
 
 @pytest.mark.parametrize("share", slow_but_for([0.4, 0.8], 0.4))
