@@ -8,13 +8,12 @@ import json
 import re
 import shutil
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import jsonschema
 import msgspec
 import pytest
 from hypothesis import given, settings
@@ -25,7 +24,6 @@ from madrob_console.archive.check import check_run
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, next_run_number
 from madrob_console.archive.history import History
 from madrob_console.archive.repair import repair
-from madrob_console.archive.result_document import result_schema
 from madrob_console.archive.run_journal import ever_protested, read_run_journal
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.run_pictures import write_frames
@@ -46,7 +44,6 @@ from madrob_console.pages.standings_files import standings_csv, standings_json
 from madrob_console.pages.templates import render
 from madrob_console.referee.acts import (
     ACT_CALLED,
-    AcceptDoubts,
     Act,
     AddNote,
     Correct,
@@ -60,7 +57,6 @@ from madrob_console.referee.acts import (
     Void,
 )
 from madrob_console.referee.acts.correct import last_decision
-from madrob_console.referee.flags import undecided
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.referee.protests import ProtestEnd
 from madrob_console.referee.records import IncidentKind, TeamWord
@@ -68,12 +64,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.referee.run_summary import PROTEST_OPEN, RunSummary
 from madrob_console.referee.team_list import TeamList
 from madrob_console.testbeds.simulated import Scenario
-from scoring.assessment import Assessment
-from scoring.indicator_table import IndicatorName
-from scoring.procedure import Ruling
 from scoring.protocol import BenchmarkType, Condition, Side, Step
-from scoring.result import Ending, Result, Uncertainty
-from scoring.rows import Rows
 from tests.madrob_console.archive.frames import film
 from tests.madrob_console.engine.drive import PULL, Deck, Drive, document, make_setup, signed
 from tests.madrob_console.recorded_runs import appealed, completed, publish, recorded
@@ -315,72 +306,6 @@ def test_a_full_journal_takes_what_ends_the_run_and_can_be_read(
     assert read_journal(folder / JOURNAL_FILE)[1] == ()
     (run,) = History(folder.parent).refresh()
     assert (run.problem, run.final) == (None, True)
-
-
-TOUCH = "the touch rests on 1 sample"
-JITTER = "the stamps jitter by 2.1 ms"
-TIME = IndicatorName.TIME_TO_HANDLE
-ACCEPTED = AcceptDoubts({TIME: (TOUCH,)}, "seen on video: right")
-
-
-@pytest.fixture
-def doubted_desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
-    """A run whose touch is doubted; where it does not come to its end, for another reason, too."""
-    completed()  # others use it, too, as it was made
-    plain = Assessment.result
-
-    def doubted(
-        self: Assessment,
-        ending: Ending,
-        rulings: Sequence[Ruling] = (),
-        remarks: Iterable[str] = (),
-        answered: float | None = None,
-    ) -> tuple[Result, Rows]:
-        result, rows = plain(self, ending, rulings, remarks, answered)
-        found = {
-            name: replace(one, uncertainty=None, doubts=())
-            for name, one in result.indicators.items()
-        }
-        whole = found[IndicatorName.CAPABILITY_LEVEL].value == 6
-        doubts = (TOUCH,) if whole else (TOUCH, JITTER)
-        found[TIME] = replace(found[TIME], uncertainty=Uncertainty(0.01, 0.02), doubts=doubts)
-        return replace(result, indicators=found), rows
-
-    monkeypatch.setattr(Assessment, "result", doubted)
-    doubted_desk = Desk(tmp_path)
-    yield doubted_desk
-    doubted_desk.engine.close()
-
-
-def test_an_accepted_doubt_stands_beside_the_doubt_and_a_later_one_waits(
-    doubted_desk: Desk,
-) -> None:
-    desk = doubted_desk
-
-    def waiting() -> list[str]:
-        found = [flag.words for flag in undecided(desk.engine.snapshot().flags)]
-        assert [flag.words for flag in undecided(desk.listed.flags)] == found
-        return found
-
-    desk.act(ACCEPTED)
-    stored = desk.document
-    jsonschema.validate(stored, result_schema())
-    assert stored["indicators"]["time_to_handle"]["doubts"] == [TOUCH]
-    (answer,) = stored["accepted_doubts"]
-    del answer["time"]
-    assert answer == {
-        "doubts": {"time_to_handle": [TOUCH]},
-        "reason": "seen on video: right",
-        "referee": "R. Eferee",
-    }
-    run = desk.listed
-    assert (run.doubts, run.uncertainties) == ({TIME: 1}, {TIME: Uncertainty(0.01, 0.02)})
-    assert waiting() == []
-    desk.act(Correct(3, CW, "typed wrongly"))
-    assert desk.document["indicators"]["time_to_handle"]["doubts"] == [TOUCH, JITTER]
-    assert waiting() == ["1 value to check: time to handle"]
-    desk.act(AcceptDoubts({TIME: (JITTER,)}, "no effect on the ranking"))
-    assert (waiting(), desk.agrees()) == ([], True)
 
 
 CROSSED = FileProtest("we were through earlier", "Delft", "step 4: cross the threshold", 6.5)

@@ -12,6 +12,7 @@ import pytest
 from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core import state_view
+from madrob_console.engine.core.acting import DURABLE_WITHIN
 from madrob_console.engine.core.effects import (
     Answer,
     CloseJournal,
@@ -177,6 +178,16 @@ def test_a_set_up_is_done_at_once_and_told_to_testbed_and_robot(values: Values) 
     assert values.core.current_run.run.phase is Phase.READY
 
 
+def test_a_start_that_is_withdrawn_never_takes_effect(values: Values) -> None:
+    opening = values.asked_to_start()
+    (withdraw,) = values.take(Tick(), DURABLE_WITHIN)
+    assert isinstance(withdraw, WithdrawLine)
+    why = "the disk did not take it within 2 s: it is withdrawn"
+    assert values.take(LineWithdrawn(withdraw.withdrawal)) == [Answer(values.number, why)]
+    assert values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None)) == []
+    assert values.core.current_run.run.phase is Phase.READY
+
+
 def test_a_note_that_overtakes_an_act_stands_behind_it_as_on_disk(values: Values) -> None:
     opening = values.asked_to_start()
     values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))
@@ -312,6 +323,14 @@ def test_an_official_run_on_a_simulated_testbed_is_to_be_voided(
     run: Run, announced: Announcement, words: str
 ) -> None:
     assert state_view.testbed_problem(announced, run) == words
+
+
+def test_a_message_that_is_judged_late_counts_and_is_not_shown(values: Values) -> None:
+    observation = values.core.observation
+    message = RawMessage(TOPICS[DOOR], "", b"", 0, round(NOW * 1e9))
+    observation.receive(message, recorded=False, shown=False)
+    view = next(v for v in observation.sensors.topics((), {}, NOW) if v.topic == TOPICS[DOOR])
+    assert (view.received, observation.sensors.door_view(NOW).angle) == (1, None)
 
 
 def test_evidence_waits_while_the_disk_does_and_what_was_refused_is_tried_again(

@@ -366,6 +366,16 @@ def test_a_folder_that_cannot_be_locked_is_said_and_not_waited_for(
         assert words in got.remarks[0]
 
 
+def test_a_domain_has_one_engine_also_when_the_first_one_does_not_answer_yet(
+    tmp_path: Path,
+) -> None:
+    first, second = (owned_by(SourceKind.ROS, DOMAIN, results=tmp_path / name) for name in "ab")
+    with held(first):
+        assert f"ROS domain {DOMAIN} has an engine already" in str(refusal(second))
+    with held(second):
+        pass  # nothing is left of the first
+
+
 DOMAIN = 101 + os.getpid() % 100
 
 

@@ -51,6 +51,7 @@ from madrob_console.referee.run import Phase
 from scoring.protocol import Outcome, Step
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Deck, Drive, document, make_setup
+from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.recorded_runs import (
     INCIDENT_AT,
     STOP_AT,
@@ -203,6 +204,21 @@ def test_the_handle_zero_of_today_outlives_a_look_at_an_earlier_run(
     drive.act(SetUp(make_setup(run_number=2)))
     assert drive.engine.run.handle_zero == zero != 0
     assert not drive.engine.snapshot().opened
+
+
+def test_a_run_that_is_set_up_while_another_one_is_opened_leaves_that_one_to_others(
+    folder: Path,
+) -> None:
+    disk, told = HeldDisk(), list[str | None]()
+    drive = Drive(folder.parent, disk=disk.threads())
+    read = drive.engine.read_run(folder).result()
+    disk.held = True
+    drive.engine.open_run(read, told.append)
+    drive.act(SetUp(make_setup(run_number=4)))
+    disk.come_back()
+    drive.engine.step(0.0)
+    assert "run 4 of subject 3 was set up meanwhile, and stays" in str(told)
+    assert not is_held(folder / "journal.jsonl")
 
 
 def test_remarks_that_only_the_stored_result_knows_are_kept(folder: Path) -> None:
@@ -546,6 +562,15 @@ def test_a_bag_alone_is_played_with_the_decisions_that_it_holds(copy: Path) -> N
     (bag,) = copy.glob("*.mcap")
     run = Deck(bag).to_the_end().run
     assert (run.outcome, len(run.incidents), run.rulings) == (Outcome.TIMEOUT, 1, ())
+
+
+def test_a_replay_of_a_run_without_a_stop_is_interrupted(copy: Path) -> None:
+    journal = copy / "journal.jsonl"
+    before, _, _ = journal.read_text().partition(f'"what": "{DeclareTimeout.name}"')
+    journal.write_text(before[: before.rindex("\n") + 1])
+    (copy / "result.json").unlink()
+    shown = Deck(copy).to_the_end()
+    assert (shown.run.outcome, shown.result) == (Outcome.INTERRUPTED, next(score(copy)).result)
 
 
 @pytest.mark.parametrize("share", slow_but_for([0.4, 0.8], 0.4))

@@ -14,11 +14,13 @@ from pathlib import Path
 from traceback import format_stack
 from types import FrameType
 
+import jsonschema
 import pytest
 
 from madrob_console.archive import score
 from madrob_console.archive.collection import matches
 from madrob_console.archive.history import History
+from madrob_console.archive.result_document import result_schema
 from madrob_console.cli.unattended_run import UnattendedRun
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.playback import JumpTo
@@ -52,7 +54,7 @@ from madrob_console.referee.acts import (
     ZeroHandle,
 )
 from madrob_console.referee.checks import CheckState
-from madrob_console.referee.flags import waiting_doubts
+from madrob_console.referee.flags import undecided, waiting_doubts
 from madrob_console.referee.journal import HOLD_FILE, read_journal
 from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import CheckName, DecisionKind, IncidentKind, TeamWord
@@ -412,7 +414,20 @@ def test_an_undecided_false_start_is_signed_only_by_who_knows_of_it(
         assert matches(listed, "undecided") is (stored == words)
         return str(stored)
 
-    hall.act(AcceptDoubts(waiting_doubts(hall.engine.situation().indicators, ()), "late messages"))
+    doubts = waiting_doubts(hall.engine.situation().indicators, ())
+    hall.act(AcceptDoubts(doubts, "late messages"))
+    stored = document(hall.folder)
+    jsonschema.validate(stored, result_schema())
+    (accepted,) = stored["accepted_doubts"]
+    assert accepted["reason"] == "late messages"
+    assert accepted["doubts"] == {str(name): [*each] for name, each in doubts.items()}
+    assert doubts == {
+        name: tuple(found["doubts"])
+        for name, found in stored["indicators"].items()
+        if found["doubts"]
+    }
+    (listed,) = History(tmp_path).refresh()
+    assert [flag.words for flag in undecided(listed.flags)] == [words]
     refused = hall.engine.perform(SIGNED)
     assert refused == f"decide it first, or sign it knowing so: {words}"
     hall.act(replace(SIGNED, undecided=(words,)))

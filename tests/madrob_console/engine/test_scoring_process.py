@@ -355,6 +355,23 @@ def test_a_run_is_called_safe_on_disk_only_while_it_is(
         heal()
 
 
+def test_a_run_whose_result_does_not_come_is_named_and_keeps_no_next_one_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with ailing(tmp_path, POOR, monkeypatch) as (drive, heal):
+        first = f"practice/{drive.folder.name}"
+        drive.until_told("`madrob score")
+        drive.start(make_setup(timeout=2.0, run_number=2))
+
+        def is_named() -> bool:  # once the results folder was looked through
+            drive.look()
+            return [run.folder for run in drive.engine.snapshot().unfinished] == [first]
+
+        until(is_named, 60.0)
+        heal()
+        drive.stop()
+
+
 def test_no_scoring_process_survives_an_engine_that_is_killed(tmp_path: Path) -> None:
     with EngineProcess(tmp_path, "no-touch") as engine:
 
