@@ -322,6 +322,16 @@ def test_what_else_may_be_wrong_is_doubted_in_one_sentence(
     assert words is not None or doubts == ()
 
 
+@pytest.mark.parametrize(("until", "words"), [(7.01, []), (7.03, ["3 of 809 samples"])])
+def test_more_than_two_missing_samples_of_the_open_door_in_1000_are_a_doubt(
+    until: float, words: list[str]
+) -> None:
+    losing = door_fault(lambda t, angle: None if 7.0 <= t < until else angle)
+    doubts = scored(losing(clean(rate=100.0))).indicators[UNSAFETY].doubts
+    end = " of the open door are missing"
+    assert [doubt.removesuffix(end) for doubt in doubts if doubt.endswith(end)] == words
+
+
 def test_the_noise_of_an_encoder_makes_smoothness_less_certain() -> None:
     known = scored(NOISE(clean()), thresholds=NOISY).indicators[SMOOTHNESS].uncertainty
     assert known is not None
