@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from rich.cells import cell_len
+from textual.events import Paste
 from textual.geometry import Offset
 from textual.widgets import Input
 
@@ -270,7 +271,15 @@ STORIES: Stories = {
         ("escape f1", "F8 y aborts", "z takes it back", "Practice never counts"),
         ("slash '=F5 START' enter", "START not now: no run is set up yet"),
         ("slash '=F6 Pose' enter", lambda d: d.text.count("F6  Pose") == 1),
-        *((f"slash '={key.label} {key.help[:20]}' enter", no(key.help[:40])) for key in MENU),
+        *(
+            row
+            for key in MENU
+            for row in (
+                ("slash",),
+                (acting(Driver.send, Paste(f"{key.label} {key.help[:20]}")),),
+                ("enter", f"{key.label} {key.help[:20]}", no(key.help[:40])),
+            )
+        ),
         (Driver.complete,),
         ("f1 slash '=Sign sign' enter", "Enter f Sign sign the result with the team's word"),
         (acting(Driver.click, "Enter f", "Sign"), "What does the team say?"),
