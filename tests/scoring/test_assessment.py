@@ -69,24 +69,6 @@ def result(ending: Ending = COMPLETED, ruleset: Ruleset = PROTOCOL) -> Result:
     return assessment(STEADY, ruleset=ruleset).result(ending)[0]
 
 
-def value(found: Result, name: IndicatorName) -> float | int | None:
-    return found.indicators[name].value
-
-
-def test_a_completed_run_has_all_values_as_plain_numbers() -> None:
-    found = result().indicators
-    assert list(found) == list(IndicatorName)
-    assert {type(i.value) for i in found.values()} == {float, int}
-    times = {
-        IndicatorName.EXECUTION_TIME: 6.0,
-        IndicatorName.TIME_TO_HANDLE: 2.0,
-        IndicatorName.DOOR_OCCUPATION_TIME: 1.0,
-        IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION: 20.0,
-        IndicatorName.CAPABILITY_LEVEL: 6,
-    }
-    assert {name: found[name].value for name in times} == times
-
-
 REASON = dict.fromkeys(IndicatorName, "run aborted: invalid")
 NEVER = dict.fromkeys(IndicatorName, "the run never started")
 CUT_OFF = Ending(Outcome.INTERRUPTED, "cut off", None)
@@ -167,12 +149,6 @@ def test_rows_cover_the_run_and_its_settle_time() -> None:
     assert math.isfinite(rows.joint_state.acceleration[0])  # the filters saw the pre-roll
     _, cut = assessment(STEADY).result(Ending(Outcome.TIMEOUT, "", START + 6))
     assert cut.joint_state.time[-1] <= START + 6
-
-
-def test_eurobench_uses_all_rows_and_counts_events() -> None:
-    found, rows = assessment(STEADY, ruleset=EUROBENCH_2020).result(COMPLETED)
-    assert len(rows.joint_state.time) == sum(s.signal.name == "DOOR" for s in STEADY)
-    assert value(found, IndicatorName.CAPABILITY_LEVEL) == 4
 
 
 def test_a_ruling_changes_level_and_what_depends_on_it_and_nothing_else() -> None:
