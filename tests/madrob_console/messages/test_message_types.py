@@ -269,7 +269,7 @@ def raw(mapping: TopicMapping, data: bytes) -> RawMessage:
     cut=st.floats(0, 1),
     noise=st.sampled_from([b"", b"\x00\x01\x00\x00"]) | st.binary(max_size=200),
 )
-def test_a_known_layout_changes_nothing_and_no_bytes_do_worse_than_an_error_in_a_line(
+def test_a_known_layout_changes_nothing_and_no_bytes_do_worse_than_an_error(
     mapping: TopicMapping,
     little: bool,
     data: st.DataObject,
