@@ -428,6 +428,12 @@ def test_an_undecided_false_start_is_signed_only_by_who_knows_of_it(
     }
     (listed,) = History(tmp_path).refresh()
     assert [flag.words for flag in undecided(listed.flags)] == [words]
+    assert listed.doubts == {name: len(each) for name, each in doubts.items()}
+    assert {name: each.u for name, each in listed.uncertainties.items()} == {
+        name: found["uncertainty"]["u"]
+        for name, found in stored["indicators"].items()
+        if found["uncertainty"]
+    }
     refused = hall.engine.perform(SIGNED)
     assert refused == f"decide it first, or sign it knowing so: {words}"
     hall.act(replace(SIGNED, undecided=(words,)))
