@@ -160,7 +160,8 @@ class Drive:
         """Open an earlier run; why that is refused."""
         told: list[str | None] = []
         self.engine.open_run(self.engine.read_run(folder).result(), told.append, invalid=invalid)
-        self.wait_until(lambda: bool(told))
+        while not told:
+            self.engine.step(STEP)
         return told[0]
 
     def act(self, *acts: Act) -> None:

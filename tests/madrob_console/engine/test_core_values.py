@@ -205,7 +205,7 @@ def test_an_abort_wins_over_a_restart_that_is_being_written(values: Values) -> N
     values.do(RestartCountdown("robot not ready"))
     effects = values.do(Abort("enough"))
     assert Answer(values.number, None) in effects
-    (withdraw,) = (one for one in effects if isinstance(one, WithdrawLine))
+    (withdraw,) = (effect for effect in effects if isinstance(effect, WithdrawLine))
     why = "the run has stopped: it is withdrawn"
     withdrawn = values.take(LineWithdrawn(withdraw.withdrawal))
     assert Answer(values.number - 1, why) in withdrawn

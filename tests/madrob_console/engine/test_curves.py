@@ -218,7 +218,7 @@ def test_a_screen_that_comes_late_gets_the_course_and_the_events_of_the_run(
     shown = drive.engine.snapshot()
     extremes = [abs(end) for part in shown.handle.recent for e in part for end in (e.low, e.high)]
     assert max(extremes) >= shown.handle.maximum  # type: ignore[operator]
-    found = [(each.time, each.event) for each in drive.scored_result().events]
-    told = [(event.time, event.name) for event in drive.engine.snapshot().events]
-    assert marked_events(told, PULL) == marked_events(found, PULL)
-    assert {*marked_events(told, PULL)} == {*EventMark}
+    events = [(each.time, each.event) for each in drive.scored_result().events]
+    shown_events = [(event.time, event.name) for event in drive.engine.snapshot().events]
+    assert marked_events(shown_events, PULL) == marked_events(events, PULL)
+    assert {*marked_events(shown_events, PULL)} == {*EventMark}

@@ -209,15 +209,15 @@ def test_the_handle_zero_of_today_outlives_a_look_at_an_earlier_run(
 def test_a_run_that_is_set_up_while_another_one_is_opened_leaves_that_one_to_others(
     folder: Path,
 ) -> None:
-    disk, told = HeldDisk(), list[str | None]()
+    disk, answers = HeldDisk(), list[str | None]()
     drive = Drive(folder.parent, disk=disk.threads())
     read = drive.engine.read_run(folder).result()
     disk.held = True
-    drive.engine.open_run(read, told.append)
+    drive.engine.open_run(read, answers.append)
     drive.act(SetUp(make_setup(run_number=4)))
     disk.come_back()
     drive.engine.step(0.0)
-    assert "run 4 of subject 3 was set up meanwhile, and stays" in str(told)
+    assert "run 4 of subject 3 was set up meanwhile, and stays" in str(answers)
     assert not is_held(folder / "journal.jsonl")
 
 

@@ -222,7 +222,7 @@ def test_every_act_and_change_is_in_journal_and_bag_with_a_second_around_the_run
     assert [topic.rpartition("/")[2] for topic in said[:3]] == ["event", "start_pose", "state"]
     # the result is written after the bag is closed
     assert said.count(REFEREE_EVENT_TOPIC) == len(entries) - 1
-    states = [json.loads(decode_text(TYPES, one)) for one in drive.recorded(REFEREE_STATE_TOPIC)]
+    states = [json.loads(decode_text(TYPES, data)) for data in drive.recorded(REFEREE_STATE_TOPIC)]
     phases, starts = zip(*((state["phase"], state["start_time"]) for state in states), strict=True)
     assert phases == ("ready", "countdown", "countdown", "running", "stopped")
     assert starts[2] == pytest.approx(starts[1] + 0.3, abs=0.05)
@@ -422,17 +422,17 @@ def test_an_undecided_false_start_is_signed_only_by_who_knows_of_it(
     assert accepted["reason"] == "late messages"
     assert accepted["doubts"] == {str(name): [*each] for name, each in doubts.items()}
     assert doubts == {
-        name: tuple(found["doubts"])
-        for name, found in stored["indicators"].items()
-        if found["doubts"]
+        name: tuple(indicator["doubts"])
+        for name, indicator in stored["indicators"].items()
+        if indicator["doubts"]
     }
     (listed,) = History(tmp_path).refresh()
     assert [flag.words for flag in undecided(listed.flags)] == [words]
     assert listed.doubts == {name: len(each) for name, each in doubts.items()}
     assert {name: each.u for name, each in listed.uncertainties.items()} == {
-        name: found["uncertainty"]["u"]
-        for name, found in stored["indicators"].items()
-        if found["uncertainty"]
+        name: indicator["uncertainty"]["u"]
+        for name, indicator in stored["indicators"].items()
+        if indicator["uncertainty"]
     }
     refused = hall.engine.perform(SIGNED)
     assert refused == f"decide it first, or sign it knowing so: {words}"

@@ -133,12 +133,12 @@ def test_what_is_told_of_evidence_is_said_once_is_in_the_result_and_doubts_nothi
     assert place.steady_ns >= drive.engine.run.countdown_began * 1e9 - 1e8  # type: ignore[operator]
     loses = replace(RECORDED, lost={EvidenceLoss.BEHIND: 3})
     silent, gap = replace(late, silent_since=start + 1.9), EvidenceGap(start + 5.62, None, KILLED)
-    for told in (
+    for changes in (
         {"recorded": (loses, silent)},
         {"recorded": (replace(loses, lost={EvidenceLoss.BEHIND: 500}), late), "gaps": (gap,)},
         {"gaps": (replace(gap, end=start + 8.31),)},
     ):
-        drive.evidence.tell(**told)
+        drive.evidence.tell(**changes)
         drive.wait(1.0)
     counted = drive.evidence.state.recorded
     drive.evidence.counted = {"recorded": tuple(replace(one, messages=613) for one in counted)}

@@ -326,16 +326,16 @@ class OtherSource(SimulatedSource):
             self.kinds.decode(message.type, message.data),
             SIGNAL_OF.get(message.topic),
         )
-        topic, made = message.topic, content
+        topic, converted = message.topic, content
         if signal is Signal.DOOR:
-            topic, made = self.door(content)
+            topic, converted = self.door(content)
         elif signal is Signal.HANDLE:
-            topic, made = self.handle(content, round(content.wrench.force.x / GRAM))
+            topic, converted = self.handle(content, round(content.wrench.force.x / GRAM))
         elif signal is not None and signal is not Signal.LATCH:
             ranges = [float(round(distance / MM)) for distance in content.ranges.tolist()]
-            made = self.strip(content, ranges)
-        kind = made.__msgtype__
-        data = self.kinds.encode(kind, made)
+            converted = self.strip(content, ranges)
+        kind = converted.__msgtype__
+        data = self.kinds.encode(kind, converted)
         return RawMessage(topic, kind, data, message.publish_ns, message.receive_ns)
 
     def door(self, content: Message) -> tuple[str, Message]:
