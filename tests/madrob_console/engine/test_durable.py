@@ -319,6 +319,18 @@ def test_an_abort_that_comes_with_the_disks_answer_aborts_the_countdown(hall: Ha
     assert hall.phases[heard:] == ("countdown", "stopped")
 
 
+def test_a_start_is_judged_again_when_it_would_take_effect(
+    hall: Hall, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hall.bring_to(Phase.READY)
+    in_the_middle(monkeypatch, lambda: setattr(hall.source, "other_referee", "node b"), [])
+    hall.submit(Start())
+    hall.pass_time(STEP)
+    assert (hall.told, hall.engine.run.phase) == (["node b"], Phase.READY)
+    (journal,) = hall.engine.config.results.glob(f"practice/*/{JOURNAL_FILE}")
+    assert read_journal(journal)[0][-1].what == Change.WITHDRAWN
+
+
 def test_an_act_that_comes_twice_is_done_once_and_answered_twice(hall: Hall) -> None:
     def submit_twice(act: Act) -> None:
         for _ in range(2):

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import AsyncMock
 from zipfile import ZipFile
@@ -36,12 +37,17 @@ from madrob_console.referee.acts import (
     Abort,
     Act,
     AddNote,
+    ConfirmPose,
     Correct,
     Finalise,
     Reissue,
     Rule,
+    SetUp,
+    Start,
     Void,
+    ZeroHandle,
 )
+from madrob_console.referee.checks import blocking
 from madrob_console.referee.records import TeamWord
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
@@ -349,27 +355,31 @@ def test_after_a_correction_reports_and_site_are_true_or_what_cannot_be_is_named
 @pytest.mark.machine
 @pytest.mark.slow
 def test_an_engine_makes_reports_when_no_run_goes_on_even_as_its_last_deed(tmp_path: Path) -> None:
+    setup = make_setup(countdown=1.0)
     with EngineProcess(tmp_path, "no-touch") as engine:
+        engine.start(setup)
 
         def making() -> list[str]:
             """What makes reports, zombies as well."""
             lines = children_of(engine.process.pid).values()
             return [line for line in lines if not line or "cli.chore_worker" in line]
 
+        begun = engine.snapshot().time
+
         def goes_on(shown: Snapshot) -> bool:
             assert making() == []
             return shown.time > begun + 2.0
 
-        engine.start(make_setup(countdown=1.0))
-        begun = engine.snapshot().time
         engine.wait_for(goes_on)
         engine.act(Abort("enough"))
         engine.result()
         until(lambda: any(making()))
-        engine.start(make_setup(run_number=2, countdown=1.0))
-        until(lambda: not making())  # a process that goes on ends for it, and no zombie stays
+        engine.act(SetUp(replace(setup, run_number=2)), ZeroHandle(), ConfirmPose())
+        engine.wait_for(lambda s: not blocking(s.checks))
+        engine.act(Start())  # a process that goes on ends for it, and no zombie stays
+        until(lambda: not making())
         assert engine.snapshot().run.active
-    until(lambda: len(list(tmp_path.rglob("report.html"))) == 2, MINUTES)
+    until(lambda: len(list(tmp_path.rglob("report.html"))) == 2)
     assert all("</html>" in path.read_text() for path in tmp_path.rglob("report.html"))
     assert not [p for p in tmp_path.rglob(".*") if p.parent != tmp_path]
 

@@ -13,6 +13,7 @@ import unicodedata
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -358,6 +359,10 @@ def put_file(path: Path) -> None:
     path.write_text("somebody's")
 
 
+def put_table(content: bytes, run: Path) -> None:
+    next(run.glob("*_jointState.csv")).write_bytes(content)
+
+
 DEEP = "/".join(["d" * 60] * 12)
 Spoil = Callable[[Path], object]
 SPOILT: dict[str, tuple[Spoil, list[str]]] = {
@@ -385,17 +390,19 @@ SPOILT: dict[str, tuple[Spoil, list[str]]] = {
         [": result.json is not what the journal says"],
     ),
     "names that lead out or steer a terminal": (
-        lambda run: [put_file(run / name) for name in (*UNSAFE, "plain.csv", "..\\..\\hidden.bat")],
+        lambda run: list(
+            map(put_file, [run / n for n in (*UNSAFE, "plain.csv", "..\\..\\hidden.bat")])
+        ),
         [": its name cannot be unpacked everywhere: rename it"] * len(UNSAFE),
     ),
     **{
-        f"a table that {why}": (
-            lambda run, content=content: next(run.glob("*_jointState.csv")).write_bytes(content),
+        f"a table that {why}, {content[:9]!r}": (
+            partial(put_table, content),
             [f"_jointState.csv: {why}" if why == "is empty" else why],
         )
         for content, why in DAMAGED.items()
     },
-    "no files": (lambda run: [path.unlink() for path in run.iterdir()], []),
+    "no files": (lambda run: list(map(Path.unlink, run.iterdir())), []),
     "an old recording": (lambda run: os.utime(next(run.glob("*_0.mcap")), (0, 0)), []),
     "evidence that is garbage": (
         lambda run: (run / evidence_file_name(run.name, 1)).write_bytes(b"garbage"),
