@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from scoring import indicator_table
 from scoring.braking import braking_table, door_controller_mode
 from scoring.indicator_table import IndicatorName
 from scoring.indicators import (
@@ -211,6 +213,17 @@ def test_the_indicators_of_eurobench_keep_their_names_and_their_order() -> None:
     assert tuple(str(name) for name in IndicatorName if name in names) == names
     assert time_to_handle(NOMINAL).unit == "s"
     assert unsafety_of_door_operation(np.ones(1)).unit == "rad/s^2"
+
+
+def test_an_indicator_without_its_row_cannot_be_imported() -> None:
+    source = Path(indicator_table.__file__).read_text(encoding="utf-8")
+    end = "    @property\n    def words"
+    forgotten = source.replace(end, f'    FORGOTTEN = "forgotten"\n\n{end}')
+    assert forgotten != source
+    with pytest.raises(AttributeError, match="name"):
+        exec(
+            compile(forgotten, "indicator_table.py", "exec"), {"__name__": indicator_table.__name__}
+        )
 
 
 EVENTS = st.lists(
