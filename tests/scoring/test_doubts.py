@@ -332,6 +332,12 @@ def test_more_than_two_missing_samples_of_the_open_door_in_1000_are_a_doubt(
     assert [doubt.removesuffix(end) for doubt in doubts if doubt.endswith(end)] == words
 
 
+def test_where_most_samples_are_lost_the_usual_rate_is_the_testbed_s() -> None:
+    losing = door_fault(lambda t, angle: angle if round(t * RATE) % 4 == 0 else None)
+    doubts = scored(losing(clean())).indicators[UNSAFETY].doubts
+    assert "306 of 408 samples of the open door are missing" in doubts
+
+
 def test_the_noise_of_an_encoder_makes_smoothness_less_certain() -> None:
     known = scored(NOISE(clean()), thresholds=NOISY).indicators[SMOOTHNESS].uncertainty
     assert known is not None

@@ -188,6 +188,12 @@ def test_a_start_that_is_withdrawn_never_takes_effect(values: Values) -> None:
     assert values.core.current_run.run.phase is Phase.READY
 
 
+def test_an_abort_withdraws_a_start_that_waits(values: Values) -> None:
+    values.asked_to_start()
+    (withdraw,) = (effect for effect in values.do(Abort("?")) if isinstance(effect, WithdrawLine))
+    assert withdraw.withdrawal.reason == "aborted before the countdown began: ?"
+
+
 def test_a_note_that_overtakes_an_act_stands_behind_it_as_on_disk(values: Values) -> None:
     opening = values.asked_to_start()
     values.take(RecordingOpened(opening.entries[-1].id, FOLDER, None))

@@ -660,3 +660,19 @@ def test_what_came_in_the_countdown_counts_after_it_began_again() -> None:
     course.feed(handle(9.0, 50.0))
     touches = [e.time for e in course.tracker.assessment.events() if "touched" in e.name]
     assert touches == [NOW + 3.0 + SETUP.countdown]
+
+
+@pytest.mark.parametrize(
+    ("start", "answered", "words"),
+    [
+        (START, START + 0.25, "the robot answered to the start 0.250 s after it"),
+        (START, START + 21.0, ""),  # after the stop
+        (START, None, ""),
+        (None, START, ""),
+    ],
+)
+def test_an_answer_of_the_robot_to_the_start_is_one_before_the_stop(
+    start: float | None, answered: float | None, words: str
+) -> None:
+    run = replace(RUN, start=start, stop=START + 20.0, robot_start=answered)
+    assert run.answer == words

@@ -394,6 +394,7 @@ def set_up(**changes: object) -> SetUp:
         ),
         refused("protest 2 is not open", WithdrawProtest(2, "?"), PROTESTED),
         refused("no protest is open", WithdrawProtest(1, "?"), STOPPED),
+        refused("no protest is open", DecideProtest(1, ProtestEnd.UPHELD, "?", "A"), STOPPED),
         refused("there is nothing to take back", TakeBack(DecisionKind.VOID, 1.0, "?"), STOPPED),
         refused(
             "this incident is not the last one",
