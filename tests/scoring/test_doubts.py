@@ -338,6 +338,13 @@ def test_where_most_samples_are_lost_the_usual_rate_is_the_testbed_s() -> None:
     assert "306 of 408 samples of the open door are missing" in doubts
 
 
+def test_the_more_a_signal_s_stamps_lie_behind_the_less_certain_is_a_time() -> None:
+    delays = (0.0, 0.004, 0.01, 0.05)  # s; at most an interval of the signal counts
+    runs = [scored(late(DoorSample, delay)(clean())) for delay in delays]
+    known = [run.indicators[Name.PASSAGE_TIME].uncertainty for run in runs]
+    assert [each and each.expanded for each in known] == [0.017, 0.019, 0.023, 0.03]
+
+
 def test_the_noise_of_an_encoder_makes_smoothness_less_certain() -> None:
     known = scored(NOISE(clean()), thresholds=NOISY).indicators[SMOOTHNESS].uncertainty
     assert known is not None
