@@ -49,10 +49,18 @@ class Unfinished:
     recorded: int
 
     @property
+    def stopped(self) -> bool:
+        """Whether its journal says how it ended: only its result is missing."""
+        return self.phase in (Phase.STOPPED, Phase.FINAL)
+
+    @property
     def words(self) -> str:
         kind = "practice run" if lies_in_practice(self.folder) else "run"
         who = f"{kind} {self.run_number} of subject {self.subject} {self.team}".rstrip()
-        facts = [f"{who} was cut off while {self.phase}"]
+        state = (
+            f"is {self.phase} and has none" if self.stopped else f"was cut off while {self.phase}"
+        )
+        facts = [f"{who} {state}"]
         if self.started is not None and self.last_time is not None:
             facts.append(f"last line {self.last_time - self.started:+.1f} s from the start")
         facts.append(f"last event {self.last_event}" if self.last_event else "no event yet")

@@ -58,6 +58,8 @@ def plan(arguments: argparse.Namespace) -> int:
     chosen: str | None = arguments.competition
     competition = settings.competition.name if chosen is None else chosen
     collection = option_values.collection(arguments, settings)
+    if arguments.results is not None and not arguments.results.is_dir():
+        complain(f"note: {arguments.results}: no such results folder, so no attempt is there")
     progress = plan_progress(listed, collection.runs, competition)
     if arguments.json:
         put_bytes(plan_json(progress, competition, teams, software_version()))

@@ -14,7 +14,7 @@ from madrob_console.common.names import clean_name
 from madrob_console.engine.playback import JumpTo
 from madrob_console.engine.requests import OpenRun, TakeOver
 from madrob_console.referee.protests import open_protests
-from madrob_console.referee.run import Phase, Run
+from madrob_console.referee.run import Run
 from madrob_console.ui.keys.questions import (
     Ask,
     Copy,
@@ -106,10 +106,12 @@ def ask_unfinished(run: Unfinished) -> Ask:
         Option("s", "score it: interrupted, no attempt used; a declared timeout stays", "score"),
         Option("i", "invalid, as if aborted: uses up an attempt of the team", "void"),
     )
-    if run.phase is Phase.STOPPED:  # how it ended is known
+    title = "A RUN WAS CUT OFF"
+    if run.stopped:
+        title = "A RESULT IS MISSING"
         options = (*options[:1], Option("s", "score it as it ended", "score"))
     return Ask(
-        f"A RUN WAS CUT OFF: {run.words}",
+        f"{title}: {run.words}",
         (Pick("What becomes of it? Nothing of what was recorded is lost.", options),),
         lambda word: OpenRun(run.folder, invalid=word == "void"),
     )

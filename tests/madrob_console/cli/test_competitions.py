@@ -298,3 +298,7 @@ def test_a_plan_may_stand_in_the_settings(tmp_path: Path, madrob: Madrob) -> Non
     file = tmp_path / "madrob.toml"
     file.write_text("[plan]\nruns = [[3, 1, 2], [4, 1, 1]]\n")
     assert "0 of 3 attempts done, 3 left." in madrob("plan --settings", file, "--results", tmp_path)
+    missing = tmp_path / "typed wrongly"
+    said = madrob.say("plan --settings", file, "--results", missing)
+    note = f"madrob: note: {missing}: no such results folder, so no attempt is there\n"
+    assert (said.code, said.err) == (0, note)

@@ -591,14 +591,18 @@ STORIES: Stories = {
             ("escape", []),
         )
     },
-    "a run that had stopped before the engine was killed is only scored, as it ended": [
-        (
-            on_engine(unfinished=(replace(CUT_OFF, phase=Phase.STOPPED),)),
-            "score it as it ended",
-            no("as if aborted"),
-        ),
-        ("s", no_question, was_opened(OpenRun(EARLIER.folder))),
-    ],
+    **{
+        f"a run that is {phase} and has no result is only scored, as it ended": [
+            (
+                on_engine(unfinished=(replace(CUT_OFF, phase=phase),)),
+                f"A RESULT IS MISSING: run 2 of subject 3 Delft is {phase} and has none, last line",
+                "score it as it ended",
+                no("as if aborted"),
+            ),
+            ("s", no_question, was_opened(OpenRun(EARLIER.folder))),
+        ]
+        for phase in (Phase.STOPPED, Phase.FINAL)
+    },
     "the footer says that letters type while they do": [
         ("f2", lambda d: d.rows()[-1].startswith("typing; Esc: keys  F7 Zero  Enter Set up")),
         ("f3", lambda d: "typing; Esc" not in d.rows()[-1]),
