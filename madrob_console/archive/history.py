@@ -20,7 +20,11 @@ from madrob_console.archive.folders import (
     parse_folder_name,
     run_folder_names,
 )
-from madrob_console.archive.journal_agreement import disagreement, out_of_date
+from madrob_console.archive.journal_agreement import (
+    disagreement,
+    is_of_earlier_lines,
+    out_of_date,
+)
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import (
     DamagedResultError,
@@ -99,8 +103,9 @@ class History:
             if (why := misplaced(result, named) or self._mixed(result.competition)) is not None:
                 return _unusable(unread, folder, why)
             if (why := disagreement(result, Path(folder))) is not None:
-                if is_held(Path(folder, JOURNAL_FILE)):
-                    return self._with_protests(unread, result)  # it is about to be written
+                held = is_held(Path(folder, JOURNAL_FILE))
+                if held and is_of_earlier_lines(result, Path(folder)):
+                    return self._with_protests(unread, result)  # the newer is about to be written
                 return _unusable(unread, folder, out_of_date(why), repairable=True)
         except FileNotFoundError:
             run = _of_journal(unread, Path(folder))

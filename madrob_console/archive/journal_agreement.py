@@ -14,7 +14,7 @@ from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.common.plain_files import read_all
 from madrob_console.referee.journal import LARGEST_JOURNAL, Entry, read_journal
-from madrob_console.referee.rebuild import Change, mark_of
+from madrob_console.referee.rebuild import Change, mark_of, marks_of
 from madrob_console.referee.records import JournalMark
 from madrob_console.referee.run import Run
 
@@ -112,6 +112,12 @@ def disagreements(result: ResultDocument, run: Run) -> Iterator[str]:
     made_of = result.journal or None
     if made_of and run.journal and made_of != run.journal:
         yield f"made of {made_of.lines} lines of the journal, which has {run.journal.lines}"
+
+
+def is_of_earlier_lines(result: ResultDocument, folder: Path) -> bool:
+    """Whether the journal has only grown since a result: lines that it was made of are there."""
+    entries, _ = read_journal(folder / JOURNAL_FILE)
+    return any(mark == result.journal for mark in marks_of(entries))
 
 
 def out_of_date(why: str) -> str:

@@ -4,6 +4,7 @@ import fcntl
 import hashlib
 import json
 import os
+import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -46,7 +47,8 @@ from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-from tests.madrob_console.recorded_runs import copy_run
+from tests.madrob_console.engine.drive import STEP, Drive
+from tests.madrob_console.recorded_runs import copy_run, final
 from tests.madrob_console.run_folders import EPOCH, document, put_hole, summary, write
 
 NUMBERS = st.integers(1, 999)
@@ -534,6 +536,19 @@ def brussels(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
     monkeypatch.undo()
     time.tzset()
+
+
+def test_a_run_whose_journal_lacks_lines_is_damaged_also_while_a_console_shows_it(
+    tmp_path: Path,
+) -> None:
+    folder = shutil.copytree(final(), tmp_path / "results" / final().name)
+    (folder / JOURNAL_FILE).write_text('{"time": 1}\n')
+    drive = Drive(folder.parent)
+    assert drive.open(folder) is None
+    drive.wait(STEP)
+    (run,) = History(folder.parent).refresh()
+    drive.engine.close()
+    assert (run.outcome, "is not what the journal says" in (run.problem or "")) == (None, True)
 
 
 @pytest.mark.usefixtures("brussels")
