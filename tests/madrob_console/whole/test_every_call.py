@@ -187,8 +187,8 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def calls(library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Call, ...]:
     """The calls of a run to which nothing happens, in order."""
     notes = tmp_path_factory.mktemp("calls")
-    trap = Trap(library, notes / "results", notes)
-    with engine(notes / "results", trap.environment) as process:
+    trap = Trap(library, notes / "disk", notes)
+    with engine(notes / "disk" / "results", trap.environment) as process:
         Referee(process).whole_run()
     return trap.calls()
 
