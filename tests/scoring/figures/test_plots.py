@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from scoring.figure_table import LARGEST_JERK, FigureName, Quantity
+from scoring.figure_table import LARGEST_JERK, EventMark, FigureName, Quantity
 from scoring.figures.drawing import MOST_POINTS
 from scoring.figures.plots import alternatives_of, figures_of, missing_figures, svg
 from scoring.figures.run_drawings import (
@@ -222,6 +222,16 @@ def test_figures_three_and_four_show_opening_and_closing_alone(
     first, last = figures_for(*nominal)[name].axes[1].get_xlim()
     assert begins[0] < first < begins[1]
     assert ends[0] < last < ends[1]
+
+
+def test_events_are_lines_through_every_panel_at_their_times(nominal: Scored) -> None:
+    figure = figures_for(*nominal)[FigureName.ACCELERATION]
+    assert len(figure.axes) > 1
+    for axes in figure.axes:
+        times = {str(mark): curve(axes, str(mark))[0][::3] for mark in EventMark}
+        for mark, about in ((EventMark.TOUCH, 2.0), (EventMark.OPENING, 3.0)):
+            assert times[str(mark)] == pytest.approx([about], abs=0.3)
+        assert all(each.size for each in times.values())
 
 
 def test_curves_are_broken_where_data_are_missing(nominal: Scored) -> None:
