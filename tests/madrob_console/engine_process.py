@@ -7,6 +7,7 @@ touched.
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -57,11 +58,13 @@ def remarks_of(result: Mapping[str, Any], stutter: Stutter) -> list[str]:
     """What a result remarks on its data, but for what a late machine alone brings."""
     if stutter.worst <= LATE:
         return [*result["quality"]["remarks"]]
-    # an engine that gets no processor is behind, as its simulation is silent, and has to say so
+    # what gets no processor is behind, as its simulation is silent or late, and has to say so
+    late = (" behind: ", " silent for ", " stood still for ", " stamps differ from reception by ")
     return [
-        one
-        for one in result["quality"]["remarks"]
-        if not any(words in one for words in (" behind: ", " silent for ", " stood still for "))
+        remark
+        for remark in result["quality"]["remarks"]
+        if not any(words in remark for words in late)
+        and re.search(r": stamps \d\.\d+ s late, for ", remark) is None
     ]
 
 

@@ -111,8 +111,9 @@ def start(client: EngineClient) -> None:
     until(lambda: client.snapshot().handle.force is not None)
     fresh = client.snapshot().time
     until(lambda: client.snapshot().time > fresh + 1.1)  # the handle's zero is the mean of a second
-    for one in (ZeroHandle(), ConfirmPose(), Start()):  # on a busy machine a topic may be stale
-        until(lambda one=one: act(client, one) is None)  # type: ignore[misc]
+    acts = (ZeroHandle(), ConfirmPose(), Start())  # on a busy machine a topic may be stale
+    # a zero that was taken while samples were missing is taken again
+    until(lambda: next(filter(None, (act(client, each) for each in acts)), None) is None)
     until(lambda: client.snapshot().run.phase is Phase.RUNNING)
 
 
