@@ -2,39 +2,28 @@
 
 from __future__ import annotations
 
-import gc
 import math
-import sys
 from collections.abc import Callable
-from importlib import import_module
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from msgspec.structs import replace
 
-from scoring import BenchmarkType, Condition, RulesetName, ScoringError, evaluate
-from scoring.imports import imports_kept
 from scoring.indicator_table import IndicatorName
-from scoring.kinematics import Array
 from scoring.procedure import Ruling
 from scoring.protocol import (
     PASSAGE_SENSORS,
     EventName,
     Outcome,
     Side,
-    Signal,
     Step,
-    Strip,
     Thresholds,
 )
 from scoring.result import Ending, Result
-from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset, ruleset
-from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
+from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from scoring.series import PassageSeries, SeriesAssessment
-from tests.scoring.clean_run import BY_EVENT, TIMEOUT, clean, scored
+from tests.scoring.clean_run import clean, scored
 from tests.scoring.runs import (
     CONDITION,
     START,
@@ -280,194 +269,3 @@ def test_a_number_of_numpy_is_a_number(kind: Callable[[float], float]) -> None:
     plain, other = (scored(each) for each in (clean(), [typed(each) for each in clean()]))
     assert other.events == plain.events
     assert other.indicators[IndicatorName.CAPABILITY_LEVEL].value == 6
-
-
-# ---------------------------------------------------------------- from arrays
-
-
-SAMPLES = clean()
-
-
-def measured(sample: Sample) -> object:
-    match sample:
-        case DoorSample():
-            return sample.angle
-        case HandleSample():
-            return sample.force
-        case PassageSample():
-            return sample.ranges
-        case LatchSample():
-            return sample.engaged
-
-
-def arrays(samples: list[Sample], seed: int | None = None) -> dict[str, Any]:
-    """The arguments of `evaluate`, each signal in an order of its own."""
-    found: dict[Signal, Any] = {}
-    for signal in {sample.signal for sample in samples}:
-        of = [sample for sample in samples if sample.signal is signal]
-        if seed is not None:
-            np.random.RandomState(seed).shuffle(of)  # type: ignore[arg-type]
-        found[signal] = np.array([s.time for s in of]), np.array([measured(s) for s in of])
-    passage = {strip.value: found[Signal.of_strip(strip)] for strip in Strip}
-    told = {"door": found[Signal.DOOR], "handle": found[Signal.HANDLE], "passage": passage}
-    return told | ({"latch": found[Signal.LATCH]} if Signal.LATCH in found else {})
-
-
-def as_frames(told: dict[str, Any]) -> dict[str, Any]:
-    def frame(data: tuple[Array, Array]) -> pd.DataFrame:
-        return pd.DataFrame(np.column_stack(data))
-
-    passage = {strip: frame(data) for strip, data in told["passage"].items()}
-    return {"door": frame(told["door"]), "handle": frame(told["handle"]), "passage": passage}
-
-
-def as_lists(told: dict[str, Any]) -> dict[str, Any]:
-    passage = {s: (t.tolist(), r.tolist()) for s, (t, r) in told["passage"].items()}
-    return {"passage": passage} | {k: [v.tolist() for v in told[k]] for k in ("door", "handle")}
-
-
-@pytest.mark.parametrize("rules", RulesetName)
-@pytest.mark.parametrize("form", [dict, as_frames, as_lists])
-def test_arrays_in_any_order_and_form_score_to_the_digits_of_the_samples(
-    form: Callable[[dict[str, Any]], dict[str, Any]], rules: RulesetName
-) -> None:
-    result = evaluate(
-        CONDITION,
-        np.float64(START),
-        **form(arrays(SAMPLES, seed=1)),
-        timeout=TIMEOUT,
-        ruleset=rules,
-        thresholds=BY_EVENT,
-    )
-    expected = scored(SAMPLES, ruleset(rules))
-    assert result.indicators == expected.indicators
-    assert (result.stop, result.outcome) == (expected.stop, Outcome.COMPLETED)
-    assert [step.final for step in result.steps] == [step.final for step in expected.steps]
-
-
-def test_a_run_stops_when_its_steps_are_done_else_at_its_timeout_else_it_was_cut_off() -> None:
-    done = evaluate(CONDITION, START, **arrays(SAMPLES))
-    assert done.stop is not None
-    late = [sample for sample in SAMPLES if sample.time < done.stop]
-    ends = {
-        "all six steps done": (SAMPLES, 300.0, Outcome.COMPLETED, done.stop),
-        "5 s elapsed": (SAMPLES, 5.0, Outcome.TIMEOUT, START + 5.0),
-        "the samples end": (late, 300.0, Outcome.INTERRUPTED, None),
-    }
-    for reason, (samples, timeout, outcome, stop) in ends.items():
-        result = evaluate(CONDITION, START, **arrays(samples), timeout=timeout)
-        assert (result.outcome, result.stop) == (outcome, stop)
-        assert result.outcome_reason.startswith(reason)
-
-
-def test_a_latch_sensor_may_send_truths_or_numbers() -> None:
-    times = START + np.array([-1.0, 2.2, 12.0])
-    for states in ([True, False, True], [1, 0, 1], [0.9, 0.1, 0.5]):
-        result = evaluate(CONDITION, START, **arrays(SAMPLES), latch=(times, states))
-        assert result.lock_detection == "sensor"
-        assert result.stop == START + 12.0
-
-
-def test_a_result_is_a_table_in_a_notebook_a_dataframe_and_figures() -> None:
-    result = evaluate(CONDITION, START, **arrays(SAMPLES), timeout=1.0)
-    assert isinstance(result, Result)
-    shown, frame = result._repr_html_(), result.to_frame()
-    for name, one in result.indicators.items():
-        assert f"<td>{name}<td>{one.text}" in shown
-        assert frame.value[name] == one.value or (pd.isna(frame.value[name]) and one.value is None)
-    assert frame.reason[IndicatorName.TIME_TO_HANDLE] == "handle never touched"
-    assert len(result.figures()) > 1
-
-
-def test_a_condition_has_sides_or_a_number() -> None:
-    words = Condition("Constant Force", "cw", "ccw")  # type: ignore[arg-type]
-    assert words == Condition(BenchmarkType.CONSTANT_FORCE, Side.CW, Side.CCW)
-    assert words == Condition.from_number(7) == Condition.from_number(np.int64(7))  # type: ignore[arg-type]
-    with pytest.raises(ScoringError, match="opening_side: there is no 'left': use cw or ccw"):
-        Condition("Constant Force", "left", "ccw")  # type: ignore[arg-type]
-
-
-T, V = np.array([0.0, 1.0]), np.array([0.0, 0.0])
-RANGES = np.zeros((2, 4))
-
-REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "unequal": ({"door": (T, V[1:])}, r"door: 2 times, but 1 values: give a value for each"),
-    "no time": ({"handle": (np.array([0.0, np.nan]), V)}, r"handle: time \[1\] is nan: leave"),
-    "dates": (
-        {"door": (pd.to_datetime(T), V)},
-        "door: give times in s, and a value for each, as numbers",
-    ),
-    "words": ({"door": (T, ["a", "b"])}, "door: give times in s, and a value for each, as numbers"),
-    "no pair": ({"door": T}, "door: give times in s, and a value for each, as numbers"),
-    "empty": ({"handle": ([], [])}, "handle: no samples: give those of the whole run"),
-    "no such strip": ({"passage": {"left": (T, RANGES)}}, "no strip 'left': name cw_left, cw"),
-    "three ranges": (
-        {"passage": {"cw_left": (T, RANGES[:, :3])}},
-        r"passage\['cw_left'\]: 2 times, but 2 x 3 values: give 4 ranges for each",
-    ),
-    "unknown latch": ({"latch": (T, [1.0, np.nan])}, "latch: a state is nan: leave that"),
-    "no start": ({"start": np.nan}, "start nan: give a finite number, s"),
-    "a start in words": ({"start": "0"}, "start '0': give a finite number, s"),
-    "no timeout": ({"timeout": 0}, "timeout 0: give more than 0 s"),
-    "no zero": ({"handle_zero": np.inf}, "handle_zero inf: give a finite number, N"),
-    "a number": ({"condition": 7}, "condition: give a Condition, not int"),
-    "limits by name": ({"thresholds": {"touch_force": 2}}, "thresholds: give a Thresholds, not d"),
-    "no strips": ({"passage": [(T, RANGES)]}, "passage: give a Mapping, not list"),
-    "a series": ({"door": pd.Series(V, T)}, "door: give times in s, and a value for each, as n"),
-    "an empty frame": ({"door": pd.DataFrame()}, "door: give times in s, and a value for each"),
-    "no ruleset": ({"ruleset": "mine"}, "ruleset 'mine' is not known"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_cannot_be_used_is_one_line_that_names_the_argument_and_the_remedy(case: str) -> None:
-    changed, words = REFUSED[case]
-    passage = {"cw_left": (T, RANGES)}
-    given: dict[str, Any] = {"start": 0.0, "door": (T, V), "handle": (T, V), "passage": passage}
-    with pytest.raises(ScoringError, match=words) as refusal:
-        evaluate(**{"condition": CONDITION} | given | changed)
-    assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize("silence", ["begins late", "no reading", "a hole before the touch"])
-def test_a_touch_that_missing_readings_may_have_hidden_is_doubted(silence: str) -> None:
-    told = arrays(SAMPLES)
-    times, force = told["handle"]
-    since_start = times - START
-    touched = since_start[np.flatnonzero(np.abs(force) > 1.96133)[0]]
-    hidden = since_start > touched - 0.5 if silence == "begins late" else since_start > -1e9
-    if silence == "a hole before the touch":
-        hidden = (since_start < touched - 1.0) | (since_start > touched - 0.5)
-    if silence == "no reading":
-        told["handle"] = times, np.full_like(force, np.nan)
-    else:
-        told["handle"] = times[hidden], force[hidden]
-    indicators = evaluate(CONDITION, START, **told, timeout=TIMEOUT).indicators
-    for name in (IndicatorName.TIME_TO_HANDLE, IndicatorName.CAPABILITY_LEVEL):
-        words = indicators[name].doubts
-        assert any("handle force: no reading for" in one for one in words), (name, words)
-
-
-# ---------------------------------------------------------------- alone
-
-
-def test_what_a_module_makes_is_set_apart_and_the_collector_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "large_library.py").write_text(
-        "import gc\ncollecting = gc.isenabled()\nmade = [[] for _ in range(1000)]\n"
-    )
-    before = gc.get_freeze_count()
-    with imports_kept():
-        module = import_module("large_library")
-    monkeypatch.delitem(sys.modules, "large_library")
-    assert not module.collecting
-    assert gc.get_freeze_count() >= before + 1000
-    assert gc.isenabled()
-
-
-def test_a_module_that_cannot_be_imported_leaves_the_collector_on() -> None:
-    with pytest.raises(ImportError), imports_kept():
-        import_module("no_such_library_anywhere")
-    assert gc.isenabled()

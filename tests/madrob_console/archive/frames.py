@@ -17,6 +17,7 @@ from tests.recorder.samples import add_evidence
 
 COMPRESSED, RAW = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image"
 NS = 1_000_000_000
+FRONT, SIDE_CAMERA = "/camera/front/image/compressed", "/camera/side"
 
 
 @cache
