@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from madrob_console.common.errors import MadrobError
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from madrob_console.archive.scored import ScoredPath
     from scoring.rulesets import RulesetName
 
-__all__ = ["MadrobError", "score", "tables"]
+__all__ = ["MadrobError", "result_schema", "score", "tables"]
 
 
 def score(path: Path | str, rules: RulesetName | None = None) -> Iterator[ScoredPath]:
@@ -58,3 +58,10 @@ def tables(path: Path | str) -> Mapping[str, DataFrame]:
     from madrob_console.archive.table_rows import Frames
 
     return Frames(Path(path))
+
+
+def result_schema() -> dict[str, Any]:
+    """Return the JSON schema (draft 2020-12) of `result.json`."""
+    from madrob_console.archive import result_document
+
+    return result_document.result_schema()

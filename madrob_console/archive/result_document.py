@@ -2,14 +2,12 @@
 
 Its parts are the types that scoring and the referee work with; here stands only what is around
 them. A key may be added to a format; one that is dropped, renamed or means something else makes a
-new one (`RESULT_FORMAT`). What a class says of its attributes stands in the schema.
+new one (`RESULT_FORMAT`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from inspect import cleandoc
 from typing import Any, Literal
 
 import msgspec
@@ -38,7 +36,7 @@ from madrob_console.referee.records import (
 )
 from madrob_console.referee.run import VALID_OUTCOMES
 from madrob_console.referee.run_setup import RunSetup
-from scoring.indicator_table import WITH_THE_START, IndicatorName
+from scoring.indicator_table import WITH_THE_START
 from scoring.libraries import Libraries
 from scoring.procedure import Ruling
 from scoring.protocol import Signal, Step, Thresholds
@@ -46,12 +44,6 @@ from scoring.rest import HandleRest
 from scoring.result import Result
 
 SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
-
-_ADDED = {
-    *("competition", "doubts", "impossible", "out_of_plan", "practice", "run_id", "team_reason"),
-    *("testbed", "uncertainty"),
-}
-"""Keys of its parts that results of earlier versions lack."""
 
 MANUAL_START = f"{WITH_THE_START} include the delay of the manual start"
 
@@ -191,66 +183,10 @@ class ResultDocument(Result, Heading):
 
 
 def result_schema() -> dict[str, Any]:
-    """The JSON schema (draft 2020-12) of `result.json`; its `$id` ends with the format's number."""
-    root, parts = described_schema(ResultDocument, ResultDocument, Result, Heading)
-    whole = parts[ResultDocument.__name__]
-    del parts[IndicatorName.__name__]  # the keys of the indicators: each is named below
-    for part in parts.values():
-        if part is not whole and "properties" in part:  # the defaults are the program's
-            part["required"] = [key for key in part["properties"] if key not in _ADDED]
-            for key in part["properties"].values():
-                key.pop("default", None)
-    description = whole["properties"]["indicators"]["description"]
-    whole["properties"]["indicators"] = {"$ref": "#/$defs/Indicators", "description": description}
-    parts["Indicators"] = {
-        "title": "Indicators",
-        "description": "The performance indicators (protocol section 6).",
-        "type": "object",
-        "properties": {
-            name: {"$ref": "#/$defs/Indicator", "description": name.spec.definition}
-            for name in IndicatorName
-        },
-        "required": list(IndicatorName),
-    }
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": f"urn:madrob:result:{RESULT_FORMAT}",
-        "title": f"MADROB result, format {RESULT_FORMAT}",
-        **root,
-        "$defs": parts,
-    }
+    """Return the JSON schema (draft 2020-12) of `result.json`."""
+    return msgspec.json.schema(ResultDocument)
 
 
-def described_schema(kind: type, *described_by: type) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The JSON schema of a type: its root and its parts, with what docstrings say of attributes.
-
-    `described_by` are the classes whose docstrings are about the type itself.
-    """
-    (root,), parts = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
-    for name, part in parts.items():
-        docs = [each.__doc__ or "" for each in described_by]
-        _describe(part, *docs if name == kind.__name__ else [part.get("description", "")])
-    return root, parts
-
-
-def schema_text(schema: Mapping[str, Any] | None = None) -> bytes:
-    """A schema as a file has it; that of `result.json` if none is given."""
-    return msgspec.json.format(msgspec.json.encode(schema or result_schema()), indent=2) + b"\n"
-
-
-def _describe(part: dict[str, Any], *docs: str) -> None:
-    """Copies the texts of the docstrings' attributes to the properties."""
-    texts = [cleandoc(doc).partition("\n\nAttributes:\n") for doc in docs]
-    if about := texts[0][0]:
-        part["description"] = about
-    names: list[str] = []
-    for _, _, attributes in texts:
-        for line in attributes.partition("\n\n")[0].splitlines():
-            if line.startswith(" " * 8):
-                for name in names:
-                    part["properties"][name]["description"] += f" {line.strip()}"
-                continue
-            named, _, text = line.strip().partition(": ")
-            names = named.split(", ")
-            for name in names:
-                part["properties"][name]["description"] = text
+def schema_text(schema: dict[str, Any]) -> bytes:
+    """Return a schema as a file has it."""
+    return msgspec.json.format(msgspec.json.encode(schema), indent=2) + b"\n"

@@ -36,13 +36,8 @@ class Described(StrEnum):
 )
 def schema(arguments: argparse.Namespace) -> int:
     from madrob_console.archive.result_document import result_schema, schema_text
-    from madrob_console.engine.state_schemas import event_schema, state_schema, watch_schema
+    from madrob_console.engine.public_state import state_schemas
 
-    schemas = {
-        Described.RESULT: result_schema,
-        Described.EVENT: event_schema,
-        Described.STATE: state_schema,
-        Described.WATCH: watch_schema,
-    }
-    print(schema_text(schemas[arguments.what]()).decode(), end="")
+    schemas = {"result": result_schema(), **state_schemas()}
+    print(schema_text(schemas[arguments.what]).decode(), end="")
     return 0

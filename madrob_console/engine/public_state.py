@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from madrob_console.referee.flags import undecided
+from madrob_console.referee.journal import Entry
 from madrob_console.referee.protests import open_protests
 from madrob_console.referee.run import Phase, Run
 from scoring.indicator_table import IndicatorName
@@ -203,3 +204,12 @@ class SpectatorState(PublishedState, frozen=True, kw_only=True):
 
 def _rounded(duration: float | None) -> float | None:
     return None if duration is None else round(duration, 3)
+
+
+def state_schemas() -> dict[str, dict[str, Any]]:
+    """Return the JSON schemas of what robots and spectators read, by their names."""
+    return {
+        "state": msgspec.json.schema(PublishedState),
+        "event": msgspec.json.schema(Entry),
+        "watch": msgspec.json.schema(SpectatorState),
+    }

@@ -13,7 +13,12 @@ import msgspec
 from pandas import DataFrame
 
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
-from madrob_console.archive.result_document import SCHEMA_FILE, ResultDocument, schema_text
+from madrob_console.archive.result_document import (
+    SCHEMA_FILE,
+    ResultDocument,
+    result_schema,
+    schema_text,
+)
 from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
 from madrob_console.archive.run_paths import RunPath
@@ -137,7 +142,7 @@ def pack(
         stored = [*_stored(runs)]
         _add_tables(archive, stored, what)
         archive.add_file(INDEX_PAGE, index_page(what.title, runs, archive.sums), what.time)
-        archive.add_file(SCHEMA_FILE, schema_text(), what.time)
+        archive.add_file(SCHEMA_FILE, schema_text(result_schema()), what.time)
         cameras = {topic for bag in bags.values() for topic in bag.cameras}
         layout = msgspec.json.encode(foxglove_layout(_newest(stored), sorted(cameras)))
         archive.add_file(LAYOUT_FILE, msgspec.json.format(layout, indent=2) + b"\n", what.time)

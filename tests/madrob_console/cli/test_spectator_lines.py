@@ -18,9 +18,9 @@ import jsonschema
 import pytest
 
 from madrob_console.cli.spectator_lines import json_lines, plain_lines
+from madrob_console.engine import state_schemas
 from madrob_console.engine.public_state import PublishedState, SpectatorState
 from madrob_console.engine.snapshot import Pulse, Snapshot
-from madrob_console.engine.state_schemas import watch_schema
 from madrob_console.referee.acts import (
     Abort,
     Act,
@@ -38,7 +38,6 @@ from madrob_console.referee.records import IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Step
-from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine_process import ROOT, EngineProcess
 from tests.madrob_console.recorded_runs import completed
@@ -122,7 +121,7 @@ def test_a_run_is_told_from_its_set_up_to_its_signature(tmp_path: Path) -> None:
     ]
 
     for state in states.states:
-        jsonschema.validate(state, watch_schema())
+        jsonschema.validate(state, state_schemas()["watch"])
     assert list(dict.fromkeys(state["phase"] for state in states.states)) == list(Phase)
     last = states.states[-1]
     assert (last["team"], last["practice"], last["outcome"]) == ("Delft", True, "completed")
@@ -261,11 +260,3 @@ def test_the_guide_has_the_keys_of_the_state(told: Told) -> None:
     assert [*robots, *named] == [*state, *state["result"]]
     assert [key for key in state["steps"][0] if f"`{key}`" not in text] == []
     assert list(state["result"]["values"]) == list(IndicatorName)
-
-
-def test_the_schema_describes_every_key(madrob: Madrob) -> None:
-    schema = json.loads(madrob("schema watch"))
-    assert schema == watch_schema()
-    for name in ("SpectatorState", "PublicStep", "PublicResult"):
-        for key, about in schema["$defs"][name]["properties"].items():
-            assert about["description"], key
