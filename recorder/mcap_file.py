@@ -100,6 +100,9 @@ class McapFile:
     def add_record(self, name: str, record: Mapping[str, str]) -> None:
         self._writer.add_metadata(_text(name), {_text(k): _text(v) for k, v in record.items()})
 
+    def end_chunk(self) -> None:
+        self._writer.flush()
+
     def sync(self) -> None:
         """Bring everything to the disk; OSError also if the file was deleted."""
         self._writer.flush()

@@ -101,7 +101,12 @@ class Gap:
     foreign: bool = False
 
 
-StreamItem: TypeAlias = McapRecord | Gap
+@dataclass(frozen=True, slots=True)
+class ChunkEnd:
+    """The place where a chunk ends: the order of reading goes by chunks."""
+
+
+StreamItem: TypeAlias = McapRecord | Gap | ChunkEnd
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +232,26 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
 
     It is missing while a file is written; without a checksum it may be damaged anywhere.
     """
+    return _indexed_places(file) or _found_places(file)
+
+
+def timed_places(file: BinaryIO) -> list[ChunkPlace]:
+    """As `chunk_places`, but of chunks with messages, and no damaged head decides their times."""
+    if places := _indexed_places(file):
+        return [place for place in places if place.end_ns]
+    places = []
+    for place in _found_places(file):
+        times: list[int] = []
+        records = records_in(read_chunk(file, place.offset).records)
+        with suppress(DamageError):
+            times.extend(record.log_time for record in records if isinstance(record, Message))
+        if times:
+            places.append(ChunkPlace(place.offset, min(times), max(times)))
+    return places
+
+
+def _indexed_places(file: BinaryIO) -> list[ChunkPlace]:
+    """By a summary with a checksum, in stored order; none where it lacks a chunk."""
     places: dict[int, ChunkPlace] = {}
     chunk_count = None
     with suppress(DamageError):
@@ -241,14 +266,20 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
         file.seek(-len(MCAP0_MAGIC) - _CRC_SIZE, io.SEEK_END)
         chunk_count = chunk_count if any(file.read(_CRC_SIZE)) else None
     if len(places) != chunk_count:
-        places.clear()
-        with suppress(DamageError):
-            size = file.seek(0, io.SEEK_END)
-            for frame in frames_of(file, len(MCAP0_MAGIC), size, _CHUNKS, most=CHUNK_HEAD.size):
-                if len(frame.body) == CHUNK_HEAD.size:
-                    begin_ns, end_ns, *_ = CHUNK_HEAD.unpack_from(frame.body)
-                    places[frame.offset] = ChunkPlace(frame.offset, begin_ns, end_ns)
+        return []
     return sorted(places.values(), key=lambda place: place.offset)
+
+
+def _found_places(file: BinaryIO) -> list[ChunkPlace]:
+    """By the heads of the chunks, in stored order."""
+    places = []
+    with suppress(DamageError):
+        size = file.seek(0, io.SEEK_END)
+        for frame in frames_of(file, len(MCAP0_MAGIC), size, _CHUNKS, most=CHUNK_HEAD.size):
+            if len(frame.body) == CHUNK_HEAD.size:
+                begin_ns, end_ns, *_ = CHUNK_HEAD.unpack_from(frame.body)
+                places.append(ChunkPlace(frame.offset, begin_ns, end_ns))
+    return places
 
 
 def read_chunk(file: BinaryIO, offset: int) -> ChunkContent:
@@ -299,6 +330,7 @@ def _chunk(frame: StoredRecord) -> Iterator[StreamItem]:
         yield from records_in(content.records)
     except DamageError:
         problem = problem or "has a damaged record"
+    yield ChunkEnd()
     if problem is not None and frame.whole:
         yield Gap(f"a chunk {problem} (byte {frame.offset})", content.foreign)
 

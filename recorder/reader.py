@@ -29,6 +29,8 @@ from recorder.chunks import RECORD_LIMIT
 from recorder.errors import RecorderError
 from recorder.mcap_reader import (
     LOOSE,
+    ChunkEnd,
+    ChunkPlace,
     DamageError,
     ForeignError,
     Gap,
@@ -37,12 +39,13 @@ from recorder.mcap_reader import (
     read_records,
     read_summary,
     records_in,
+    timed_places,
 )
 
 RECOVERY_RECORD = "recovery"
 """The metadata record of a repaired bag; its `problem` says what the torn one had lost."""
 
-BagItem: TypeAlias = Topic | RawMessage | Metadata | Gap
+BagItem: TypeAlias = Topic | RawMessage | Metadata | Gap | ChunkEnd
 """In storage order; a topic comes before its messages, and may come again."""
 
 METADATA_LIMIT = 1024 * 1024
@@ -161,7 +164,7 @@ class Bag:
 def _first_times(path: Path) -> list[int]:
     """First log times of the chunks of a file in stored order; of its first message without any."""
     with suppress(DamageError, OSError), open_recording(path) as file:
-        if times := [chunk.begin_ns for chunk in chunk_places(file) if chunk.end_ns]:
+        if times := [chunk.begin_ns for chunk in timed_places(file)]:
             return times
         for item in read_items(file):
             if isinstance(item, RawMessage):
@@ -215,6 +218,8 @@ def read_items(file: BinaryIO) -> Iterator[BagItem]:
                         for description in read_summary(file):
                             catalogue.add_record(description)
                     yield from catalogue.topics()
+            case ChunkEnd():
+                yield record
             case _:
                 catalogue.add_record(record)
                 if isinstance(record, Channel):
@@ -248,7 +253,7 @@ def read_catalogue(path: Path) -> tuple[Catalogue, str | None]:
             for record in read_records(file):
                 if isinstance(record, Gap):
                     problem = problem or left_out(record)
-                else:
+                elif not isinstance(record, ChunkEnd):
                     catalogue.add_record(record)
         except ForeignError:
             raise
@@ -387,7 +392,13 @@ class Seeker:
 
     def parts(self) -> Iterator[_Part]:
         """Each chunk, its messages by log time, and the messages outside the chunks, as stored."""
-        for chunk in self._chunks:
+        chunks: list[ChunkPlace] = []
+        try:
+            with open_recording(self.path) as file:
+                chunks = timed_places(file)
+        except (DamageError, OSError) as error:
+            self.problem = self.problem or str(error)
+        for chunk in chunks:
             yield chunk.begin_ns, self._in_chunk(chunk.offset)
         loose = self._loose()
         if (first := next(loose, None)) is not None:

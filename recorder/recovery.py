@@ -33,7 +33,7 @@ from recorder.bag import (
 from recorder.errors import RecorderError
 from recorder.listing import listing, put_listing, remove, remove_metadata_parts, summarised
 from recorder.mcap_file import ROSBAG2_RECORD, McapFile
-from recorder.mcap_reader import DamageError, ForeignError
+from recorder.mcap_reader import ChunkEnd, DamageError, ForeignError
 from recorder.reader import (
     RECOVERY_RECORD,
     bag_files,
@@ -241,6 +241,8 @@ def _write(new: McapFile, file: BinaryIO, survey: Survey) -> None:
             match item:
                 case RawMessage():
                     new.add_message(item)
+                case ChunkEnd():
+                    new.end_chunk()
                 case Topic():
                     new.register(item)
                 case Metadata() if item.name != ROSBAG2_RECORD:  # it is made anew

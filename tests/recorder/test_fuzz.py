@@ -221,6 +221,11 @@ def fuzz(place: Path, examples: int) -> None:
     invent()
 
 
+def test_a_chunk_that_lies_about_its_times_is_read_in_their_order(tmp_path: Path) -> None:
+    lies = [("remove", 0.5, 3), ("remove", 0.5, 200), ("flip", 0.0195, 0)]
+    check(tmp_path / "place", changed(whole_files()[0], lies), None)
+
+
 def test_no_file_can_break_reader_or_repair(tmp_path: Path) -> None:
     fuzz(tmp_path / "place", EXAMPLES)
 
