@@ -232,25 +232,10 @@ def chunk_places(file: BinaryIO) -> list[ChunkPlace]:
 
     It is missing while a file is written; without a checksum it may be damaged anywhere.
     """
-    return _indexed_places(file) or _found_places(file)
+    return indexed_places(file) or _found_places(file)
 
 
-def timed_places(file: BinaryIO) -> list[ChunkPlace]:
-    """As `chunk_places`, but of chunks with messages, and no damaged head decides their times."""
-    if places := _indexed_places(file):
-        return [place for place in places if place.end_ns]
-    places = []
-    for place in _found_places(file):
-        times: list[int] = []
-        records = records_in(read_chunk(file, place.offset).records)
-        with suppress(DamageError):
-            times.extend(record.log_time for record in records if isinstance(record, Message))
-        if times:
-            places.append(ChunkPlace(place.offset, min(times), max(times)))
-    return places
-
-
-def _indexed_places(file: BinaryIO) -> list[ChunkPlace]:
+def indexed_places(file: BinaryIO) -> list[ChunkPlace]:
     """By a summary with a checksum, in stored order; none where it lacks a chunk."""
     places: dict[int, ChunkPlace] = {}
     chunk_count = None

@@ -30,16 +30,15 @@ from recorder.errors import RecorderError
 from recorder.mcap_reader import (
     LOOSE,
     ChunkEnd,
-    ChunkPlace,
     DamageError,
     ForeignError,
     Gap,
     chunk_places,
+    indexed_places,
     read_chunk,
     read_records,
     read_summary,
     records_in,
-    timed_places,
 )
 
 RECOVERY_RECORD = "recovery"
@@ -50,6 +49,10 @@ BagItem: TypeAlias = Topic | RawMessage | Metadata | Gap | ChunkEnd
 
 METADATA_LIMIT = 1024 * 1024
 """The most bytes of `metadata.yaml` that are read; a topic takes some 600."""
+
+
+_MOST_HELD = 256 * 1024 * 1024
+"""Bytes of files that are put in order in memory."""
 
 
 def not_a_bag(path: Path, error: ForeignError) -> RecorderError:
@@ -125,24 +128,57 @@ class Bag:
         Files come by their first log times. If the first log times of their chunks never go back,
         messages come as they are stored; else all are merged by log time, in the memory of the
         chunks that overlap. Damaged chunks are skipped. `problem` tells them, and a torn end.
+        A file without an index that can be trusted is held in memory, if it has less than 256 MB.
         """
         times = {path: _first_times(path) for path in self._files}
-        files = sorted(self._files, key=lambda path: min(times[path], default=0))
+        if not all(times.values()):
+            return self._through_memory()
+        files = sorted(self._files, key=lambda path: times[path][0])
         stored = [time for path in files for time in times[path]]
         return self._as_stored(files) if stored == sorted(stored) else self._by_time(files)
 
     def _as_stored(self, files: Iterable[Path]) -> Iterator[RawMessage]:
         for path in files:
-            try:
-                with open_recording(path) as file:
-                    for item in read_items(file):
-                        if isinstance(item, RawMessage):
-                            yield item
-                        elif isinstance(item, Gap):
-                            self._note_problem(path, left_out(item))
-            except (DamageError, OSError) as error:
-                self._note_problem(path, end_of(error))
-                return
+            for item in self._items(path):
+                if isinstance(item, RawMessage):
+                    yield item
+
+    def _items(self, path: Path) -> Iterator[RawMessage | ChunkEnd]:
+        try:
+            with open_recording(path) as file:
+                for item in read_items(file):
+                    if isinstance(item, RawMessage | ChunkEnd):
+                        yield item
+                    elif isinstance(item, Gap):
+                        self._note_problem(path, left_out(item))
+        except (DamageError, OSError) as error:
+            self._note_problem(path, end_of(error))
+
+    def _through_memory(self) -> Iterator[RawMessage]:
+        """Messages of files of which no index says the times: what repair keeps of them."""
+        if sum(path.stat().st_size for path in self._files if path.exists()) > _MOST_HELD:
+            yield from self._as_stored(self._files)
+            return
+        files = [list(self._chunks(path)) for path in self._files]
+        files.sort(key=lambda chunks: chunks[0][0] if chunks else 0)
+        chunks = [chunk for file in files for chunk in file]
+        starts = [start for start, _ in chunks]
+        held = [message for _, messages in chunks for message in messages]
+        if starts != sorted(starts):
+            held.sort(key=lambda message: message.receive_ns)
+        yield from held
+
+    def _chunks(self, path: Path) -> Iterator[tuple[int, list[RawMessage]]]:
+        """Each chunk with its first log time; at the end the messages behind the last one."""
+        chunk: list[RawMessage] = []
+        for item in self._items(path):
+            if isinstance(item, RawMessage):
+                chunk.append(item)
+            elif chunk:
+                yield min(message.receive_ns for message in chunk), chunk
+                chunk = []
+        if chunk:
+            yield chunk[0].receive_ns, chunk
 
     def _by_time(self, files: Iterable[Path]) -> Iterator[RawMessage]:
         seekers = []
@@ -162,13 +198,9 @@ class Bag:
 
 
 def _first_times(path: Path) -> list[int]:
-    """First log times of the chunks of a file in stored order; of its first message without any."""
+    """First log times of the chunks of a file in stored order; none without a sound index."""
     with suppress(DamageError, OSError), open_recording(path) as file:
-        if times := [chunk.begin_ns for chunk in timed_places(file)]:
-            return times
-        for item in read_items(file):
-            if isinstance(item, RawMessage):
-                return [item.receive_ns]
+        return [chunk.begin_ns for chunk in indexed_places(file) if chunk.end_ns]
     return []
 
 
@@ -392,13 +424,7 @@ class Seeker:
 
     def parts(self) -> Iterator[_Part]:
         """Each chunk, its messages by log time, and the messages outside the chunks, as stored."""
-        chunks: list[ChunkPlace] = []
-        try:
-            with open_recording(self.path) as file:
-                chunks = timed_places(file)
-        except (DamageError, OSError) as error:
-            self.problem = self.problem or str(error)
-        for chunk in chunks:
+        for chunk in self._chunks:
             yield chunk.begin_ns, self._in_chunk(chunk.offset)
         loose = self._loose()
         if (first := next(loose, None)) is not None:
