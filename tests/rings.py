@@ -24,6 +24,7 @@ class Ring(StrEnum):
 
     PURE = "pure"  # its cores: time is virtual, nothing sleeps, no process is started
     SCREENS = "screens"  # textual as well, without a terminal
+    STORIES = "stories"  # processes and terminals of the console itself
     MACHINE = "machine"  # processes, DDS, ssh, tmux, signals, real time
 
 
@@ -46,15 +47,18 @@ FOLDERS: Mapping[str, Ring] = {
     "madrob_console/whole": Ring.MACHINE,
     "recorder": Ring.PURE,
     "scoring": Ring.PURE,
+    "corpus": Ring.PURE,
+    "stories": Ring.STORIES,
     "test_papers.py": Ring.PURE,
     "test_promises.py": Ring.PURE,
     "test_one_name.py": Ring.PURE,
     "test_programs.py": Ring.PURE,
     "test_rings.py": Ring.PURE,
 }
+WITH_PROCESSES = frozenset({Ring.STORIES, Ring.MACHINE})
 LIMIT, MACHINE_LIMIT, SLOW_LIMIT = 60.0, 240.0, 600.0
-"""A test that takes longer hangs, s, unless it says otherwise: in the ring `machine` by the clock,
-else of processor time, which other programs do not use up.
+"""A test that takes longer hangs, s, unless it says otherwise: with processes by the clock, else
+of processor time, which other programs do not use up.
 """
 PATIENCE = 20
 """So many times its limit a test may wait by the clock for a processor that others use."""
@@ -62,7 +66,7 @@ FEW_RUNS = 20  # of a slow proof, within its limit
 
 
 class NeedsMachineError(RuntimeError):
-    """A test outside of the ring `machine` started a process or slept."""
+    """A test outside of the rings with processes started one or slept."""
 
     def __init__(self, what: str) -> None:
         super().__init__(f"{what}: watch for it, use virtual time, or mark it pytest.mark.machine")
@@ -99,9 +103,9 @@ def mark(items: Iterable[pytest.Item], runs: int) -> None:
         if item.get_closest_marker(ring) is None:
             item.add_marker(ring.value)
         slow, told = item.get_closest_marker("slow"), item.get_closest_marker("timeout")
-        limit = MACHINE_LIMIT if ring is Ring.MACHINE else LIMIT
+        limit = MACHINE_LIMIT if ring in WITH_PROCESSES else LIMIT
         limit = float(told.args[0]) if told else slow_limit if slow else limit
-        patience = 1 if ring is Ring.MACHINE else PATIENCE
+        patience = 1 if ring in WITH_PROCESSES else PATIENCE
         item.add_marker(pytest.mark.timeout(patience * limit), append=False)
 
 
@@ -150,10 +154,10 @@ def bounded(seconds: float) -> Iterator[None]:
 
 @contextmanager
 def kept(item: pytest.Item) -> Iterator[None]:
-    """While a test runs: no process, no sleep, a bound of its work, but in the ring `machine`."""
+    """While a test runs: no process, no sleep, a bound of its work, where its ring has none."""
     global _watched  # noqa: PLW0603  so is the hook that reads it
     limit = item.get_closest_marker("timeout")
-    if ring_of(item) is Ring.MACHINE or limit is None:
+    if ring_of(item) in WITH_PROCESSES or limit is None:
         yield
         return
     with pytest.MonkeyPatch.context() as patch, bounded(limit.args[0] / PATIENCE):

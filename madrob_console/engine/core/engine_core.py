@@ -119,7 +119,7 @@ class Core:
         self._effects.clear()
         return effects
 
-    def _take(self, happened: Input, now: Now) -> None:  # noqa: C901, PLR0912  one case an input
+    def _take(self, happened: Input, now: Now) -> None:  # noqa: C901  one case an input
         current, acting = self.current_run, self._acting
         match happened:
             case Tick():

@@ -179,7 +179,7 @@ class Performer:
 
     # ------------------------------------------------------------------ effects
 
-    def carry_out(self, effect: ToPerform) -> None:  # noqa: C901, PLR0912  one case an effect
+    def carry_out(self, effect: ToPerform) -> None:  # noqa: C901  one case an effect
         match effect:
             case WriteLine(entry, awaited):
                 self._write_line(entry, awaited=awaited)

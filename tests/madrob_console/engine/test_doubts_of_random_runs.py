@@ -132,9 +132,7 @@ FAULTS = (
 )
 
 
-def fault_in(  # noqa: C901 - one case a fault
-    run: Recorded, kind: str, random: Random
-) -> tuple[Fault, Name] | None:
+def fault_in(run: Recorded, kind: str, random: Random) -> tuple[Fault, Name] | None:
     """A fault at a random place, and an indicator that it spoils; None where it spoils none."""
     touched, closed = run.at(EventName.HANDLE_IS_TOUCHED), run.at(EventName.DOOR_CLOSES)
     opened = run.at(EventName.DOOR_OPENS)
