@@ -1,0 +1,1 @@
+"""Recorded runs, and the digits to which they are scored."""
