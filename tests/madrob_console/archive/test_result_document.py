@@ -26,6 +26,7 @@ from madrob_console.engine import state_schemas
 from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Signal
+from tests.corpus.test_corpus import unpack
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import (
     aborted,
@@ -132,3 +133,11 @@ def test_a_schema_is_valid_and_its_references_lead_somewhere(schema: dict[str, A
     assert references_in(schema) <= {f"#/$defs/{name}" for name in schema["$defs"]}
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({}, schema)
+
+
+def test_results_that_were_stored_earlier_are_valid_by_the_schema(tmp_path: Path) -> None:
+    runs = unpack(tmp_path)
+    results = [path for run in runs.values() for path in run.rglob("result*.json")]
+    assert len(results) > 20
+    for path in results:
+        jsonschema.validate(json.loads(path.read_bytes()), result_schema())
