@@ -3,9 +3,9 @@
 A line of the plan is a team, a condition (its number or its words), a number of attempts and the
 time for which it is planned; the last two may be missing. The same team and condition may
 stand in several lines, as in rounds. An attempt is done when the run is official, of this
-competition, and has ended as completed, timeout or aborted: who is aborted has had the attempt,
-though it is not valid. An interrupted or a voided run is no attempt, so that it comes next again;
-practice never is one (protocol section 2).
+competition, and has ended as completed, timeout or aborted. A run that was interrupted, voided or
+aborted for a testbed fault is no attempt, so that it comes next again; practice never is one. An
+attempt that is repeated after an abort counts once (protocol section 2).
 """
 
 from __future__ import annotations
@@ -40,7 +40,10 @@ _MOST_NAMED = 10
 CORRECT_SETTINGS = "correct file of [plan]"
 
 _LEVELS = range(len(Step) + 1)
-_ENDED = (Outcome.COMPLETED, Outcome.TIMEOUT, Outcome.ABORTED)
+TESTBED_FAULT = "testbed fault"
+"""The reason of an abort that uses up no attempt."""
+
+_ENDED = (Outcome.COMPLETED, Outcome.TIMEOUT)
 
 
 class Task(NamedTuple):
@@ -167,6 +170,18 @@ class PlanProgress:
         return next(self.upcoming(), None)
 
     @property
+    def finished(self) -> bool:
+        """Whether there is a plan and all of it is done."""
+        return bool(self.lines) and not self.left
+
+    def attempt(self, task: Task) -> str:
+        """Return which attempt a run of this task is, `attempt 1 of 2`; empty = out of plan."""
+        for attempts in self.tasks:
+            if attempts.task == task and attempts.left:
+                return f"attempt {attempts.done + 1} of {attempts.planned}"
+        return ""
+
+    @property
     def last_delay(self) -> float:
         """How late the latest attempt with a planned time began, s."""
         begun = [(line.began, line.time) for line in self.lines if line.began is not None]
@@ -188,6 +203,10 @@ def plan_progress(plan: Plan, runs: Iterable[RunSummary], competition: str) -> P
             protested[Task(run.subject, run.condition)] += 1
         if is_attempt(run) and run.competition == competition:
             done.setdefault(Task(run.subject, run.condition), []).append(run)
+    of_plan = Counter[Task]()
+    for line in plan.lines:
+        of_plan[line.task] += line.attempts
+    done = {task: _counted(of_task, of_plan[task]) for task, of_task in done.items()}
     planned: dict[Task, int] = defaultdict(int)
     last = {line.task: number for number, line in enumerate(plan.lines)}
     lines = []
@@ -242,8 +261,24 @@ def _since_midnight(time: str) -> float:
 
 
 def is_attempt(run: RunSummary) -> bool:
-    ended = run.outcome in _ENDED and not run.voided and not run.twin
-    return run.official and run.problem is None and ended
+    """Whether a run uses up an attempt of its team."""
+    if not run.official or run.problem is not None or run.voided or run.twin:
+        return False
+    if run.outcome is Outcome.ABORTED:
+        return run.reason != TESTBED_FAULT
+    return run.outcome in _ENDED
+
+
+def _counted(runs: Sequence[RunSummary], planned: int) -> list[RunSummary]:
+    """Return the attempts that count: one that was repeated after an abort counts once."""
+    repeated = len(runs) - planned if planned else 0
+    counted = []
+    for run in runs:
+        if repeated > 0 and not run.valid:
+            repeated -= 1
+            continue
+        counted.append(run)
+    return counted
 
 
 @dataclass(frozen=True, slots=True)

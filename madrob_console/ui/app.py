@@ -512,8 +512,12 @@ class MadrobApp(App[None], inherit_bindings=False):
         if event.dialog in self._console.dialogs:
             self._console.close(event.dialog)
             self._console.drafts.typed.clear()
-            self._ahead.closed()
+            if not event.escape:
+                self._ahead.closed()
             self._console.say("Closed: nothing was done.")
+
+    async def on_dialog_passed(self, event: Dialog.Passed) -> None:
+        await self.on_event(events.Key(event.key.key, event.key.character))
 
     async def on_dialog_too_late(self, event: Dialog.TooLate) -> None:
         """Says that the question is void; after a confirmed abort another act is offered."""

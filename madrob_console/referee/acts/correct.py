@@ -40,6 +40,13 @@ class Correct(Act):
     team: str = ""
     run_number: int = 0
 
+    @classmethod
+    def impossible(cls, situation: Situation) -> str | None:
+        """A wrong team that is seen in the run is corrected after it."""
+        if situation.run.active:
+            return "let the run end, then correct it"
+        return super(Correct, cls).impossible(situation)
+
     def problem(self, situation: Situation) -> str | None:
         setup = situation.run.setup
         if setup is None:

@@ -189,12 +189,9 @@ class Void(Act):
 
     @classmethod
     def hindrance(cls, situation: Situation) -> str | None:
-        run = situation.run
-        if run.voided is not None:
+        if situation.run.voided is not None:
             return "the run is void already: that can be taken back"
-        if run.outcome is Outcome.ABORTED:
-            return "an aborted run is invalid already"
-        return None if run.valid else "an interrupted run does not count anyway"
+        return None
 
     def apply(self, situation: Situation, at: float) -> Run:
         run = changed(self.opened_again(situation.run, at), at)
@@ -221,7 +218,7 @@ class Abort(Act):
     def impossible(cls, situation: Situation) -> str | None:
         """A run that is over can be voided instead, if it counts."""
         refused = super(Abort, cls).impossible(situation)
-        if refused is not None and Void.impossible(situation) is None:
+        if refused is not None and situation.run.valid and Void.impossible(situation) is None:
             return f"{refused}: void it instead"
         return refused
 

@@ -119,9 +119,16 @@ class Dialog(Vertical):
 
     @dataclass
     class Closed(Message):
-        """The referee left it."""
+        """The referee left it, by `escape` or by an answer that does nothing."""
 
         dialog: Dialog
+        escape: bool = False
+
+    @dataclass
+    class Passed(Message):
+        """A key that was typed after Escape: it is for the pane."""
+
+        key: events.Key
 
     @dataclass
     class TooLate(Message):
@@ -152,15 +159,18 @@ class Dialog(Vertical):
         self.answers: list[str] = []
         self.cursor = 0
         self.notice = self.overtaken = self.complaint = ""
+        self._escaped = self._left = False
 
     def on_mount(self) -> None:
         self._show()
 
     def take_input(self, event: events.Key | events.Paste) -> None:
         """A key, or what was pasted, whatever has the focus; in turn, also before it is drawn."""
-        if self.writing and not (isinstance(event, events.Key) and event.key in _OF_DIALOG):
+        key = event.key if isinstance(event, events.Key) else ""
+        if self.writing and not self._escaped and key not in _OF_DIALOG:
             self._field.post_message(event)
-        elif isinstance(event, events.Key):
+        elif key:
+            self._escaped |= key == "escape"
             self.post_message(event)
 
     @property
@@ -223,11 +233,15 @@ class Dialog(Vertical):
         """Handles what the question knows; nothing goes on to the keys of the console."""
         event.stop()
         event.prevent_default()
+        if self._left:
+            self.post_message(self.Passed(event))
+            return
         if (words := self._ahead.leaves_out(event)) is not None:
             self.complain(words)
             return
         if event.key == "escape":
-            self.post_message(self.Closed(self))
+            self._left = True
+            self.post_message(self.Closed(self, escape=True))
         elif self.overtaken:
             self.take_answer(event.key)
         elif not self.writing:
@@ -267,6 +281,8 @@ class Dialog(Vertical):
                 self._next()
             case Pick(_, options) if key in (keys := [option.key for option in options]):
                 self._choose(options[keys.index(key)])
+            case Pick() if key == _NO:  # "no" in every question, and there nothing is done
+                self.post_message(self.Closed(self))
             case _:
                 return False
         return True
@@ -369,9 +385,10 @@ def _options(options: Sequence[Option], cursor: int, width: int) -> list[Line]:
 
 def _option(option: Option, width: int, *, at_cursor: bool) -> Line:
     tone = Tone.CURSOR if at_cursor else Tone.PLAIN
+    cap = "Space" if option.key == " " else option.key
     return line(
         Target("> " if at_cursor else "  ", Tone.STRONG, option.key),
-        Target(option.key, Tone.CAP, option.key),
+        Target(cap, Tone.CAP, option.key),
         Target(" ", Tone.PLAIN, option.key),
-        Target(cut_inside(option.label, width - 4), tone, option.key),
+        Target(cut_inside(option.label, width - 3 - len(cap)), tone, option.key),
     )

@@ -522,7 +522,9 @@ class ConsoleScreen(Screen[None]):
     def _about(self, name: str) -> str:
         if self._latest is None or name in _ABOUT_NO_RUN:
             return ""
-        return who_text(self._latest.run)
+        who = who_text(self._latest.run)
+        attempt = self.panes.setup.attempt if name == "abort" else ""
+        return f"{attempt} of {who}" if attempt else who
 
     def close(self, dialog: Dialog) -> None:
         """Closes a dialog, and what was opened over it."""

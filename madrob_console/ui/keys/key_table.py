@@ -201,10 +201,10 @@ MENU = (
     ),
     Key(
         "correct", "", "c", "Correct", "another subject, side or type; it is scored again",
-        acts.Correct.name, ask_correction, where=_RESULTS,
+        acts.Correct.name, ask_correction, where=_RUN,
     ),
     Key(
-        "void", "", "v", "Void", "it does not count; z takes that back",
+        "void", "", "v", "Void", "cancel this run; gives the attempt back; z takes that back",
         acts.Void.name, VOID, where=_RESULTS,
     ),
     Key(

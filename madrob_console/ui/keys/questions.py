@@ -140,6 +140,7 @@ def reasons(*texts: str) -> tuple[Option, ...]:
 
 
 def ask_why(*texts: str) -> Pick:
-    """The reason of an act that `z` takes back: Enter takes none."""
-    none = Option("n", NO_REASON, NO_REASON)
-    return Pick("Why? Enter takes the marked one.", (none, *reasons(*texts)), quick=True)
+    """The reason of an act that changes a result: Enter and `n` do nothing."""
+    no = Option("n", "no", None)
+    none = Option(" ", NO_REASON, NO_REASON)
+    return Pick("Why?", (no, none, *reasons(*texts)))

@@ -30,6 +30,7 @@ from madrob_console.referee.acts.correct import (
     last_decision,
 )
 from madrob_console.referee.acts.protest import NONE_OPEN, WHOLE_RUN, outside_recording
+from madrob_console.referee.competition_plan import TESTBED_FAULT
 from madrob_console.referee.flags import Doubts, doubted_words, undecided, waiting_doubts
 from madrob_console.referee.protests import Protest, ProtestEnd, open_protests
 from madrob_console.referee.records import TeamWord
@@ -159,8 +160,11 @@ REISSUE = Ask(
 )
 
 VOID = Ask(
-    "VOID this run: it does not count",
-    (ask_why("robot unsafe", "testbed fault", "referee's mistake", "protest upheld"),),
+    "VOID this run: it does not count, and the team's attempt comes again",
+    (
+        ask_why("robot unsafe", TESTBED_FAULT, "referee's mistake", "protest upheld"),
+        Sure("Void it? z takes it back."),
+    ),
     Void,
 )
 

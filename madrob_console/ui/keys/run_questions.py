@@ -20,6 +20,7 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.acts.before import NO_CHECK_FAILS, waiver_problem
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.checks import blocking
+from madrob_console.referee.competition_plan import TESTBED_FAULT
 from madrob_console.referee.records import CheckName, IncidentKind
 from madrob_console.referee.run import Phase
 from madrob_console.ui.keys.questions import (
@@ -105,7 +106,11 @@ _WHY_ABORTED = Pick(
     (
         _THE_RUN_GOES_ON,
         Option("y", f"ABORT now, {NO_REASON}", NO_REASON, last=True),
-        *reasons("robot unsafe", "testbed fault", "referee's mistake", "the team asks for it"),
+        *reasons("robot unsafe", TESTBED_FAULT, "referee's mistake", "the team asks for it"),
+    ),
+    below=(
+        f"It uses up the attempt, but for '{TESTBED_FAULT}'.",
+        "Wrong team? Let the run end, then correct it: Enter, c.",
     ),
 )
 
@@ -122,13 +127,14 @@ _MARK = "Mark an incident"
 _WHICH = Pick(
     "Which? It changes no indicator.",
     (
+        Option("n", "no", None),
         *(
             Option(kind.value[0], kind.value, kind.value)
             for kind in IncidentKind
             if kind is not IncidentKind.OTHER
         ),
         Option("o", "other: type it", IncidentKind.OTHER),
-        Option("n", "a note, no incident", AddNote.name),
+        Option("w", "write a note, no incident", AddNote.name),
     ),
 )
 _WHAT = Write("What happened?", missing="say what happened")

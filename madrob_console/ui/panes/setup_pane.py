@@ -197,6 +197,14 @@ class SetupPane(Vertical):
             self._chosen = False
 
     @property
+    def attempt(self) -> str:
+        """Which attempt of the plan the current run is; empty = none of the plan."""
+        setup = None if self._snapshot is None else self._snapshot.run.setup
+        if setup is None or setup.practice:
+            return ""
+        return self._plan.progress.attempt(task_of(setup))
+
+    @property
     def next_words(self) -> str:
         """What x sets up, if that is the plan's next run; empty while that is not known."""
         now = self._snapshot

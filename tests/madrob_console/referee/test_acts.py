@@ -365,11 +365,9 @@ def set_up(**changes: object) -> SetUp:
         refused("No space", Finalise(TeamWord.ABSENT, "Ada"), STOPPED, refused="No space left"),
         refused("a re-issue needs a reason", Reissue(""), DONE),
         refused("is void already: that can be taken back", Void("again"), VOID),
-        refused("an aborted run is invalid", Void("?"), replace(STOPPED, outcome=Outcome.ABORTED)),
+        refused(None, Void("robot unsafe"), replace(STOPPED, outcome=Outcome.ABORTED)),
         refused(
-            "an interrupted run does not count anyway",
-            Void("?"),
-            replace(STOPPED, outcome=Outcome.INTERRUPTED),
+            "let the run end, then correct it", Correct(4, SETUP.condition, "another team"), RUNNING
         ),
         refused(None, Void("robot unsafe"), STOPPED, scored=False),
         refused("the result is being written", Void("robot unsafe"), DONE, scored=False),

@@ -75,15 +75,17 @@ def progress(of: Plan, *runs: RunSummary) -> PlanProgress:
 
 
 def uses_up(run: RunSummary) -> bool:
-    """What the papers say: an official run of the competition that ended by itself or by abort."""
+    """Whether a run uses up an attempt, as the protocol says (section 2)."""
     ended = run.outcome in (Outcome.COMPLETED, Outcome.TIMEOUT, Outcome.ABORTED)
-    counts = ended and not run.voided and run.problem is None
+    fault = run.outcome is Outcome.ABORTED and run.reason == "testbed fault"
+    counts = ended and not fault and not run.voided and run.problem is None
     return counts and run.source == "ros" and run.competition == CUP
 
 
 ABORTED: dict[str, Any] = {"outcome": Outcome.ABORTED}
 NO_ATTEMPTS: list[dict[str, Any]] = [
     {"outcome": Outcome.INTERRUPTED},
+    {"outcome": Outcome.ABORTED, "reason": "testbed fault"},
     {"outcome": None},
     {"voided": True},
     {"source": "simulated"},
@@ -121,7 +123,7 @@ NO_ATTEMPTS: list[dict[str, Any]] = [
         (  # and is repeated within the plan once
             plan((A, 1), (B, 1)),
             [run(A, **ABORTED), run(A, 1.0, run_number=2)],
-            [Attempts(A, 1, 2, 1, 6), Attempts(B, 1)],
+            [Attempts(A, 1, 1, 1, 6), Attempts(B, 1)],
             [],
             [PlannedAttempt(B, 1, 1)],
         ),
@@ -183,9 +185,13 @@ def test_damaged_runs_are_counted_because_nobody_knows_what_they_are() -> None:
 def test_every_attempt_of_any_history_is_counted_once(of: Plan, runs: list[RunSummary]) -> None:
     found = plan_progress(of, runs, CUP)
     counted = Counter(Task(run.subject, run.condition) for run in runs if uses_up(run))
+    valid = Counter(Task(run.subject, run.condition) for run in runs if uses_up(run) and run.valid)
     planned: Counter[Task] = Counter()
     for line in of.lines:
         planned[line.task] += line.attempts
+    for task in planned:  # a repeated attempt counts once
+        counted[task] = max(valid[task], min(planned[task], counted[task]))
+    counted = +counted
     assert {one.task: one.done for one in found.tasks if one.done} == counted
     assert {one.task: one.planned for one in found.tasks if one.planned} == planned
     for task in planned:

@@ -292,7 +292,7 @@ STORIES: Stories = {
     ],
     "abort comes before a note that is being typed": [
         (Driver.run,),
-        ("i n a f8 1 y", Outcome.ABORTED),
+        ("i w a f8 1 y", Outcome.ABORTED),
         ("b enter", AddNote("ab")),
     ],
     "other keys wait for the open question": [
@@ -308,7 +308,7 @@ STORIES: Stories = {
         (Driver.run,),
         (Driver.finish,),
         (
-            "enter v 2",
+            "enter v 2 y",
             lambda d: (void := d.engine.run.voided) and void.reason == "testbed fault",
             says("z takes it back"),
         ),
@@ -412,7 +412,7 @@ STORIES: Stories = {
             field_holds(""),
         ),
         (
-            "3 enter*3",
+            "3 enter*2 space",
             lambda d: isinstance(act := d.engine.acts[-1], Correct) and act.subject == 3,
         ),
     ],
@@ -420,7 +420,7 @@ STORIES: Stories = {
         (Driver.run,),
         ("enter", "1-6 confirm or deny a step; i mark an incident", no("z take back")),
         (
-            "4 d enter i c enter z enter",
+            "4 d enter i c enter z space",
             lambda d: [type(act) for act in d.engine.acts[-3:]] == [Rule, MarkIncident, TakeBack],
             lambda d: d.engine.run.incidents == (),
         ),
@@ -506,7 +506,7 @@ STORIES: Stories = {
     ],
     "a text that is being typed survives a moment in which it is not possible": [
         (Driver.run,),
-        ("i n c a b l e",),
+        ("i w c a b l e",),
         (
             has(right=RightToAct(holder="bo@tent")),
             "NOT POSSIBLE ANY MORE: bo@tent has the right to act",
@@ -517,7 +517,7 @@ STORIES: Stories = {
     ],
     "a note goes on while the run ends": [
         (Driver.run,),
-        ("i n a",),
+        ("i w a",),
         (types_every(QUICK),),
         ("b",),
         (Driver.finish,),

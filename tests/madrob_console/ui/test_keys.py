@@ -101,7 +101,7 @@ SITUATIONS: Stories = {
                 ("f6", ConfirmPose()),
                 ("f7", ZeroHandle()),
                 ("enter w 1", Waive(CheckName.POSE, "checked by hand")),
-                ("enter w enter", Waive(CheckName.POSE, NO_REASON)),
+                ("enter w space", Waive(CheckName.POSE, NO_REASON)),
             ],
         ),
         ("the door is open", [("enter w 2 2", Waive(CheckName.POSE, "known testbed fault"))]),
@@ -127,7 +127,7 @@ SITUATIONS: Stories = {
                     MarkIncident(IncidentKind.OTHER, "vxf", 1.0),
                 ),
                 ("3 s", Rule(Step.OPEN, None, NO_REASON)),
-                ("i n o k enter", AddNote("ok")),
+                ("i w o k enter", AddNote("ok")),
             ],
         ),
         (
@@ -354,7 +354,7 @@ STORIES: Stories = {
     ],
     "keys faster than the screen are taken in their order": [
         (Driver.run,),
-        ("i c i n =late enter f8 4 y", lambda d: d.engine.acts[-3:] == IN_ORDER),
+        ("i c i w =late enter f8 4 y", lambda d: d.engine.acts[-3:] == IN_ORDER),
     ],
     "a check is waived only where one fails": [
         (Driver.set_up,),
@@ -375,7 +375,7 @@ STORIES: Stories = {
     ],
     "a result waits until the referee has typed": [
         (Driver.run,),
-        ("i n a",),
+        ("i w a",),
         (Driver.finish, pane("live")),
         ("b enter", AddNote("ab"), pane("results")),
     ],

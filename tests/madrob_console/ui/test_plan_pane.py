@@ -310,7 +310,7 @@ PLANNED: Stories = {
         (answered(),),
         (answered("f2 enter f6"), f"x correct the plan, Enter waives: {BAD_LINE[:30]}"),
         ("f5", Phase.READY),
-        (answered("escape tab enter enter"), f"~ plan: waived, no reason given ({BAD_LINE[:20]}"),
+        (answered("escape tab enter space"), f"~ plan: waived, no reason given ({BAD_LINE[:20]}"),
         ("f5", Phase.COUNTDOWN),
     ],
     "the first run of the plan is proposed": [

@@ -341,7 +341,7 @@ STORIES: Stories = {
     "a result is shown whole": [
         (in_sizes(SMALL, LARGE),),
         (Driver.run,),
-        ("i c i n =dent enter",),
+        ("i c i w =dent enter",),
         (Driver.finish, nothing_cut),
         (
             pages(
