@@ -15,7 +15,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
@@ -42,6 +42,9 @@ CORRECT_SETTINGS = "correct file of [plan]"
 _LEVELS = range(len(Step) + 1)
 TESTBED_FAULT = "testbed fault"
 """The reason of an abort that uses up no attempt."""
+
+_LATEST = 12 * 3600.0
+"""s; what is later than that is of another day."""
 
 _ENDED = (Outcome.COMPLETED, Outcome.TIMEOUT)
 
@@ -247,9 +250,11 @@ def _too_short(lines: Sequence[PlanLine], timeout: float) -> Iterator[str]:
     for first, following in pairwise(timed):
         begin, end = lines[first].time, lines[following].time
         attempts = sum(line.attempts for line in lines[first:following])
-        if len(begin) != len(end) or end < begin:
+        if len(begin) != len(end):
             continue  # a time without a date is of any day
         room = _since_midnight(end) - _since_midnight(begin)
+        if room < 0 and len(end) == len("14:30"):
+            room += 86_400.0  # a time that goes down is of the next day
         if 0 <= room < attempts * timeout:
             yield f"{begin}: {format_duration(room)} for {attempts} x {timeout:g} s"
 
@@ -362,13 +367,17 @@ class _Reader(ListReader):
 def delay(planned: str, at: float) -> float:
     """How much later than a planned time `at` is, s; both s since the epoch and of the place.
 
-    0 for no planned time and before it. A time without a date is of the day of `at`.
+    0 for no planned time, before it, and more than 12 h after it. A time without a date is of the
+    day on which it comes nearest to `at`.
     """
     if not planned:
         return 0.0
     of_day, _, time = planned.rpartition(" ")
-    day = of_day or f"{datetime.fromtimestamp(at):%Y-%m-%d}"  # noqa: DTZ006  of the place
-    return max(0.0, at - datetime.fromisoformat(f"{day} {time}").timestamp())
+    today = datetime.fromtimestamp(at)  # noqa: DTZ006  of the place
+    days = [of_day] if of_day else [f"{today + timedelta(d):%Y-%m-%d}" for d in (-1, 0, 1)]
+    late = [at - datetime.fromisoformat(f"{day} {time}").timestamp() for day in days]
+    nearest = min(late, key=abs)
+    return nearest if 0.0 < nearest <= _LATEST else 0.0
 
 
 def condition_number(text: str) -> int:

@@ -483,6 +483,9 @@ class MadrobApp(App[None], inherit_bindings=False):
         form = self._console.panes.setup
         if key.name == "next":
             await form.propose_planned()
+            if words := form.finished_words:
+                self._console.say(words)
+                return
         elif not self._console.take_marked_run():
             form.propose_same()
         setup = await form.draft()

@@ -123,6 +123,8 @@ class SetupPane(Vertical):
         await self._set_up()
 
     async def _set_up(self) -> str | None:
+        if words := self.finished_words:
+            return words
         entered, setup = self._form.read(), await self.draft()
         now = self._link.snapshot()
         if now is None or now.run.phase not in OPEN:
@@ -189,12 +191,27 @@ class SetupPane(Vertical):
             return
         await self._plan.read()
         now, following = self._snapshot, self._plan.progress.next
-        if now is None or following is None or self._chosen or now.playback is not None:
+        if now is None or self._chosen or now.playback is not None:
+            return
+        if self.finished_words and now.run.phase is Phase.IDLE:
+            self._form.show_values({"subject": ""})
+            self._say_state()
+        if following is None:
             return
         over = now.run.phase in (Phase.STOPPED, Phase.FINAL) and not self._form.practice.value
         if over or now.run.phase is Phase.IDLE:  # who practises goes on with the same
             self.propose_official(following.task)
             self._chosen = False
+
+    @property
+    def finished_words(self) -> str:
+        """Words that the plan is done, while nobody has chosen another run; else empty."""
+        now, plan = self._snapshot, self._plan.progress
+        if now is None or not plan.finished or self._chosen or self._form.practice.value:
+            return ""
+        if now.run.phase is Phase.READY or now.run.active:
+            return ""
+        return f"The plan is finished: {plan.planned} of {plan.planned}. s shows the standings."
 
     @property
     def attempt(self) -> str:
@@ -312,6 +329,9 @@ class SetupPane(Vertical):
     def _say_state(self) -> None:
         if (now := self._snapshot) is None:
             return
+        if words := self.finished_words:
+            self._state.say(words, Tone.GOOD)
+            return
         setup = self._read()
         if isinstance(setup, str) and not isinstance(self.screen.focused, Input):
             self.add_class("-unfolded")  # what is wrong may be among the folded ones
@@ -357,7 +377,7 @@ def _planned(setup: RunSetup, plan: PlanProgress, *, checked: bool) -> str:
         return "" if checked else ", OUT OF PLAN"
     if setup.practice or of is None or not of.planned:
         return ""
-    return f", attempt {of.done + 1} of {of.planned}" if of.left else ", an attempt repeated"
+    return f", {plan.attempt(of.task)}" if of.left else ", an attempt repeated"
 
 
 def next_words(setup: RunSetup | str, plan: PlanProgress, names: Mapping[int, str]) -> str:

@@ -334,12 +334,25 @@ def test_a_bad_line_is_named_and_the_others_count(file: Path, text: str, problem
         ("14:42", 30.0),
         ("15:00", 0.0),
         ("2026-11-25 14:30", 750.0),
-        ("2026-11-24 14:42", 86_430.0),
+        ("23:50", 0.0),
+        ("03:00", 42_150.0),
+        ("2026-11-24 14:42", 0.0),
         ("2026-11-26 14:30", 0.0),
     ],
 )
 def test_a_planned_time_tells_how_late_it_is(planned: str, late: float) -> None:
     assert delay(planned, datetime(2026, 11, 25, 14, 42, 30).timestamp()) == late  # noqa: DTZ001
+
+
+@pytest.mark.parametrize(
+    ("planned", "hour", "minute", "late"),
+    [("23:50", 0, 5, 900.0), ("00:20", 23, 55, 0.0), ("00:20", 0, 21, 60.0)],
+)
+def test_a_plan_past_midnight_is_no_day_off(
+    planned: str, hour: int, minute: int, late: float
+) -> None:
+    at = datetime(2026, 11, 25, hour, minute).timestamp()  # noqa: DTZ001  of the place
+    assert delay(planned, at) == late
 
 
 def test_the_first_attempt_of_a_line_has_its_time_and_tells_the_last_delay() -> None:

@@ -361,6 +361,14 @@ PLANNED: Stories = {
         ]
         for name, lines in (("without a plan", NO_PLAN), ("with one", plan((1, 1, 1), (2, 2, 1))))
     },
+    "at the end of the plan nothing is proposed": [
+        (on_engine(plan=plan((1, 1, 1))),),
+        *FIRST,
+        (end,),
+        (answered("x"), says("The plan is finished: 1 of 1. s shows the standings."), Phase.STOPPED),
+        (answered("f2"), "The plan is finished: 1 of 1."),
+        (answered("enter"), "The plan is finished: 1 of 1.", Phase.STOPPED),
+    ],
     "one key repeats the team and condition and says that it is out of plan": [
         (on_engine(plan=plan((1, 1, 1), (2, 7, 1))),),
         *FIRST,

@@ -316,7 +316,7 @@ REJECTED = replace(OUTDATED, answer=replace(ANSWER, end=ProtestEnd.REJECTED))
         ),
         (
             lambda: asked(WithdrawProtest, View(PROTESTED)),
-            "What does the team say?\nn no\n  no reason given\n1 satisfied by the explanation\n2 filed",
+            "What does the team say?\nn no\n  no reason given\n1 satisfied by the explanation\n2 ",
             True,
         ),
         (
