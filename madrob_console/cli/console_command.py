@@ -119,6 +119,16 @@ def show(arguments: argparse.Namespace, role: Role, shown: Shown = Shown.SCREENS
             _move(client, None if engines else arguments.speed, at)
         return client
 
+    def open_replay(folder: Path, instant: float | None) -> EngineClient:
+        replayed = argparse.Namespace(**vars(arguments))
+        replayed.testbed = [str(SourceKind.REPLAY), str(folder)]
+        replayed.at = None if instant is None else f"{instant:.3f}"
+        replayed.speed = 1.0
+        beginning = _check_replay(replayed)
+        client = attach(replayed, settings, role)
+        _move(client, 1.0, beginning)
+        return client
+
     if shown in _LINES:
         from madrob_console.cli.spectator_lines import follow_engine, json_lines, plain_lines
 
@@ -129,6 +139,7 @@ def show(arguments: argparse.Namespace, role: Role, shown: Shown = Shown.SCREENS
         _defaults(arguments, settings, results),
         _look(arguments, settings),
         wall=shown is Shown.WALL,
+        open_replay=open_replay if role is Role.REFEREE else None,
     )
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import getpass
 import os
 import shlex
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
@@ -15,7 +13,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, ClassVar
 
 from textual import events
-from textual.app import App, SuspendNotSupported
+from textual.app import App
 from textual.binding import BindingType
 from textual.filter import LineFilter
 from textual.screen import Screen, SystemModalScreen
@@ -46,7 +44,7 @@ from madrob_console.ui.keys.run_questions import ask_abort
 from madrob_console.ui.keys.terminal_driver import ConsoleDriver, KeysDropped
 from madrob_console.ui.keys.terminal_input import MOST_KEYS
 from madrob_console.ui.keys.type_ahead import UNSEEN, TypeAhead
-from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink, OpenClient
+from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink, OpenClient, OpenReplay
 from madrob_console.ui.look.ascii_signs import ASCII, uses_ascii
 from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
 from madrob_console.ui.look.words import done_text
@@ -82,12 +80,6 @@ _DONE = {TakeOver.name: "This console has the right to act now.", PlaybackComman
 """What is said when a command took effect; an export says it itself, when it is packed."""
 
 
-def run_beside(words: Sequence[str]) -> int:
-    """Runs a `madrob` command on this terminal until it ends; returns its exit code."""
-    program = (sys.executable, "-P", "-m", "madrob_console.cli.main")
-    return subprocess.run([*program, *words], check=False).returncode
-
-
 def _user() -> str:
     try:
         return getpass.getuser()
@@ -99,6 +91,9 @@ def console_commands() -> type[Provider]:
     from madrob_console.ui.keys.command_palette import ConsoleCommands
 
     return ConsoleCommands
+
+
+REPLAY_BEGINS = "A replay: F10 goes back, F8 aborts a run of the testbed, F1 lists the keys."
 
 
 class MadrobApp(App[None], inherit_bindings=False):
@@ -125,7 +120,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         monotonic: Callable[[], float] = time.monotonic,
         wall: Callable[[], float] = time.time,
         ahead: TypeAhead | None = None,
-        beside: Callable[[Sequence[str]], int] = run_beside,
+        open_replay: OpenReplay | None = None,
     ) -> None:
         environ = os.environ.copy()
         os.environ.pop("NO_COLOR", None)  # textual makes it grey; the themes make it colourless
@@ -142,7 +137,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._monotonic = monotonic
         self._link = EngineLink(open_client, monotonic)
         self._ahead = ahead or TypeAhead()
-        self._beside = beside
+        self._open_replay = open_replay
         self._console = ConsoleScreen(self._link, defaults, self._ahead, wall)
         self._awaited = PendingRequests(
             self._link, self._console, partial(self.run_worker, group="keys")
@@ -288,13 +283,14 @@ class MadrobApp(App[None], inherit_bindings=False):
         """Asks at once, whatever waits and whatever is open: y may be typed already."""
         if self.withdraw():
             return
-        now = self._link.snapshot()
+        now = self._link.live_snapshot()
         if (refused := NOT_YET if now is None else key.refusal(now)) is not None:
             self._refuse_key(key, refused)
         elif now is not None:
             for dialog in [dialog for dialog in self._console.dialogs if dialog.name == key.name]:
                 self._console.close(dialog)
-            self._open_dialog(key, ask_abort(now, ""), partial(key.question, pressed=""))
+            question = partial(key.question, pressed="")
+            self._open_dialog(key, ask_abort(now, ""), question, self._link.live_snapshot)
 
     def _start_engine(self, key: Key) -> None:
         if (refused := self.key_refusal(key)) is not None:
@@ -362,28 +358,29 @@ class MadrobApp(App[None], inherit_bindings=False):
                 self._show_replay(selected)
 
     def _show_replay(self, selected: SelectedRun) -> None:
-        """Runs another console on this terminal until it is left; never while a run goes on."""
+        """Shows a replay in place of the testbed until it is left; never while a run goes on."""
         snapshot = self._link.snapshot()
         if snapshot is None or snapshot.run.active or snapshot.playback is not None:
             here = snapshot is not None and snapshot.playback is not None
             self._console.refuse("replay", "this is one" if here else "a run is going on")
             return
-        look = self._look
-        words = [
-            *("console", "--testbed", "replay", str(self._console.results / selected.folder)),
-            *(() if selected.at is None else (f"--at={selected.at:.3f}",)),
-            *(f"--theme={look.theme}", *["--ascii"] * bool(look.ascii)),
-            *["--no-mouse"] * (not look.mouse),
-        ]
-        try:
-            with self.suspend():
-                code = self._beside(words)
-        except SuspendNotSupported:
-            self._console.say(f"Type in another terminal: {shlex.join(['madrob', *words])}")
+        open_replay = self._open_replay
+        folder = self._console.results / selected.folder
+        if open_replay is None:
+            words = shlex.join(["madrob", "watch", "--testbed", "replay", str(folder)])
+            self._console.say(f"Type in another terminal: {words}")
             return
-        if code != 0:
-            again = shlex.join(["madrob", *words])
-            self._console.refuse("replay", f"it ended with {code}; `{again}` says why")
+        self._console.say("Opening the replay ...")
+
+        def connect() -> None:
+            try:
+                self._link.show_replay(open_replay(folder, selected.at))
+            except MadrobError as error:
+                self.call_later(self._console.refuse, "replay", str(error))
+            else:
+                self.call_later(self._console.change_engine, REPLAY_BEGINS)
+
+        self.run_worker(connect, thread=True, group="engine", exclusive=True)
 
     async def _commit(self) -> str | None:
         pressed = self._monotonic()
@@ -416,11 +413,13 @@ class MadrobApp(App[None], inherit_bindings=False):
         key: Key,
         ask: Ask,
         question: Callable[[Snapshot], Ask | str],
+        look: Callable[[], Snapshot | None] | None = None,
     ) -> None:
         tiny = self._console.tiny
+        look = look or self._link.snapshot
 
         def fresh() -> Ask | str:
-            snapshot = self._link.snapshot()
+            snapshot = look()
             answer = NOT_YET if snapshot is None else question(snapshot)
             return answer.shortest if tiny and isinstance(answer, Ask) else answer
 
@@ -428,6 +427,8 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     async def _do(self, intent: Intent, name: str, what: str) -> None:
         match intent:
+            case Leave() if self._link.leave_replay():
+                self._console.change_engine("The replay is over: this is the testbed again.")
             case Leave():
                 self.exit()
             case OtherName():
@@ -449,7 +450,8 @@ class MadrobApp(App[None], inherit_bindings=False):
                 await self._act(intent, name)
 
     async def _act(self, act: Act, name: str) -> None:
-        durable, now = not act.at_once, self._link.snapshot()
+        durable = not act.at_once
+        now = self._link.live_snapshot() if isinstance(act, Abort) else self._link.snapshot()
         held = isinstance(act, Abort) and now is not None and now.right.holder
         if held and not await self._awaited.carry_out(TakeOver()):
             return

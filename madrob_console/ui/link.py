@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from madrob_console.common.errors import MadrobError
 from madrob_console.config.tables import DEFAULT_START_POSES, RunDefaults, StartPoseSetting
 from madrob_console.engine.ipc.engine_interface import ON_ITS_WAY, given_up
-from madrob_console.engine.requests import Perform, Request, T
+from madrob_console.engine.requests import Perform, Request, T, TakeOver
 from scoring.protocol import BenchmarkType, Condition, Side
 
 if TYPE_CHECKING:
@@ -34,6 +34,9 @@ LATELY = 1.0
 OpenClient = Callable[[bool], "EngineClient"]
 """Connects to the engine; `True`: starts it where none runs and this screen may."""
 
+OpenReplay = Callable[[Path, float | None], "EngineClient"]
+"""Connects to the replay of a run's folder, at an instant of it, s from its start."""
+
 
 class EngineLink:
     """An engine client that keeps the last snapshot; `connect` calls `open_client`."""
@@ -43,6 +46,8 @@ class EngineLink:
         self._connecting = threading.Lock()
         self._monotonic = monotonic
         self._client: EngineClient | None = None
+        self._live: EngineClient | None = None
+        """The testbed's engine, while a replay is shown in its place."""
         self._latest: Snapshot | None = None
         self._moved = 0.0
         self._last_asked: dict[str, float] = {}
@@ -56,12 +61,43 @@ class EngineLink:
             MadrobError: there is no engine to be had, or it gives no snapshot at all.
         """
         with self._connecting:  # by a key while the next engine is looked for
-            before, client = self._client, self._open_client(may_start)
+            before, client = self._live or self._client, self._open_client(may_start)
+            self.leave_replay()
             self._latest = client.snapshot()
             self._moved = self._monotonic()
             self._client = client
             if before is not None:
                 before.close()
+
+    def show_replay(self, replay: EngineClient) -> None:
+        """Show a replay; aborts still go to the testbed's engine.
+
+        Raises:
+            MadrobError: the replay gives no snapshot.
+        """
+        self._latest = replay.snapshot()
+        self._live, self._client = self._client, replay
+        self._moved = self._monotonic()
+
+    def leave_replay(self) -> bool:
+        """Show the testbed's engine again; returns whether a replay was shown."""
+        if self._live is None or self._client is None:
+            return False
+        self._client.close()
+        self._client, self._live = self._live, None
+        with suppress(MadrobError):  # it has ended: its last snapshot says so
+            self._latest = self._client.snapshot()
+        self._moved = self._monotonic()
+        return True
+
+    def live_snapshot(self) -> Snapshot | None:
+        """The latest snapshot of the testbed's engine, also while a replay is shown."""
+        if self._live is None:
+            return self.snapshot()
+        try:
+            return self._live.snapshot()
+        except MadrobError:
+            return None
 
     async def refusal_of(self, act: Act) -> str | None:
         """Hands in an act; why it did not take effect."""
@@ -119,7 +155,10 @@ class EngineLink:
         name = str(getattr(request, "name", ""))
         self._last_asked[name] = math.inf
         try:
-            answer = self._client.begin_request(request)
+            client = self._client
+            if self._live is not None and isinstance(request, Perform | TakeOver):
+                client = self._live  # a replay has no acts: an abort means the testbed's run
+            answer = client.begin_request(request)
             if not answer.done():
                 patience = request.timeout + ON_ITS_WAY
                 try:
@@ -140,8 +179,9 @@ class EngineLink:
         return any(now - self._last_asked.get(name, -math.inf) < LATELY for name in names)
 
     def close(self) -> None:
-        if self._client is not None:
-            self._client.close()
+        for client in (self._client, self._live):
+            if client is not None:
+                client.close()
 
 
 FIRST_CONDITION = Condition(BenchmarkType.NO_FORCE, Side.CCW, Side.CCW)

@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 from types import FrameType
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TextIO
 from madrob_console.common.errors import MadrobError
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.ui.app import MadrobApp
-from madrob_console.ui.link import ConsoleDefaults, OpenClient
+from madrob_console.ui.link import ConsoleDefaults, OpenClient, OpenReplay
 
 if TYPE_CHECKING:
     from madrob_console.engine.ipc.engine_interface import EngineClient
@@ -33,11 +33,13 @@ def run_console(
     look: ConsoleSettings | None = None,
     *,
     wall: bool = False,
+    open_replay: OpenReplay | None = None,
 ) -> int:
     """Shows the screens until the referee leaves; returns the exit code.
 
     `open_client` is called once the screens can be seen; its client is closed at the end.
-    `wall` shows the wall display instead of the referee's screens.
+    `wall` shows the wall display instead of the referee's screens. `open_replay` connects to a
+    replay that is opened from them.
 
     Raises:
         MadrobError: the terminal cannot show screens, or there is no engine to be had.
@@ -50,16 +52,15 @@ def run_console(
         return client
 
     look = look or ConsoleSettings()
-    kind: Callable[..., MadrobApp] = MadrobApp
-    if wall:
-        from madrob_console.ui.wall import WallApp
-
-        kind = WallApp
     error, output = sys.__stderr__, sys.__stdout__
     if output is not None and not (error is not None and error.isatty()):
         output.reconfigure(errors="backslashreplace")  # as the error output has it
         vars(sys)["__stderr__"] = output  # textual draws on it
-    app = kind(connected, defaults, look)
+    app = MadrobApp(connected, defaults, look, open_replay=open_replay)
+    if wall:
+        from madrob_console.ui.wall import WallApp
+
+        app = WallApp(connected, defaults, look)
     try:
         with leaving_on_signals(app):
             app.run(mouse=look.mouse)

@@ -320,6 +320,19 @@ class ConsoleScreen(Screen[None]):
             period = BUSY_PERIOD if snapshot.run.active else IDLE_PERIOD
             self._timer = self.set_interval(period, self.poll)
 
+    def change_engine(self, words: str) -> None:
+        """Shows another engine: nothing that differs has happened."""
+        self._latest = None
+        self.show_pane("live")
+        self.poll()
+        self.say(words, Tone.GOOD)
+
+    def _tell_live_run(self) -> None:
+        """While a replay is shown: says that a run goes on at the testbed."""
+        live = self._link.live_snapshot()
+        if live is not None and live.run.active:
+            self.say(f"{who_text(live.run)} GOES ON: F8 aborts it, F10 shows it.", Tone.BAD)
+
     def show(self, snapshot: Snapshot) -> None:
         before, self._latest = self._latest, snapshot
         if before is not None and _stage(before) != _stage(snapshot):
@@ -338,6 +351,8 @@ class ConsoleScreen(Screen[None]):
         self._tell_export(before, snapshot)
         self._tell_lists(before, snapshot)
         self._playback.show(snapshot)
+        if snapshot.playback is not None:
+            self._tell_live_run()
         self._faults.show(snapshot)
         self._keys.show(snapshot)
         if self._count % TOP_LINE_EVERY == 0 or not snapshot.run.active:

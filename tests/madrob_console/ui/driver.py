@@ -264,10 +264,6 @@ class Driver(Shown):
         await self.settle()
 
 
-def _runs_nothing(_words: Sequence[str]) -> int:
-    return 0
-
-
 @asynccontextmanager
 async def driving(
     engine: HandEngine,
@@ -299,9 +295,7 @@ async def driving(
             assert get_ident() != here
             return (find or engine.find)(may_start)
 
-        app = MadrobApp(
-            found, defaults, look, lambda: seconds[0], lambda: engine.now, ahead, _runs_nothing
-        )
+        app = MadrobApp(found, defaults, look, lambda: seconds[0], lambda: engine.now, ahead)
         async with app.run_test(size=size) as pilot:
             driver = Driver(app, pilot, engine, hand, seconds)
 

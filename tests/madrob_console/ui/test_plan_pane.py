@@ -365,7 +365,11 @@ PLANNED: Stories = {
         (on_engine(plan=plan((1, 1, 1))),),
         *FIRST,
         (end,),
-        (answered("x"), says("The plan is finished: 1 of 1. s shows the standings."), Phase.STOPPED),
+        (
+            answered("x"),
+            says("The plan is finished: 1 of 1. s shows the standings."),
+            Phase.STOPPED,
+        ),
         (answered("f2"), "The plan is finished: 1 of 1."),
         (answered("enter"), "The plan is finished: 1 of 1.", Phase.STOPPED),
     ],

@@ -447,13 +447,13 @@ STORIES: Stories = {
             ),
         ),
     ],
-    "R says what to type where the terminal cannot be lent": [
+    "R says what to type where a spectator looks": [
         (opened(LARGE, runs=[SEVENTH]),),
         (answered("escape h"),),
         (
             "enter R",
-            says("Type in another terminal: madrob console --testbed replay"),
-            says(f"/{SEVENTH.folder} --at=6.500"),
+            says("Type in another terminal: madrob watch --testbed replay"),
+            says(f"/{SEVENTH.folder}"),
         ),
     ],
     "a result that the disk refuses is called so wherever it is met": [
