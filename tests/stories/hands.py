@@ -14,26 +14,47 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from fcntl import LOCK_EX, LOCK_NB, flock
+from importlib.util import find_spec
 from itertools import count, pairwise
 from pathlib import Path
 from typing import Any, Self
 
+import pytest
+
 from tests.stories.terminal import PATIENCE, Terminal, wait_until
 
 MADROB = str(Path(sys.executable).with_name("madrob"))
-_PRACTICE = "practice"
-_RUN_FOLDERS = "subject_*"
 _HALLS = count()
 _READING = 0.5  # s that a person takes to read why a key was left out
-_LEFT_OUT = (" is left out: ", "Refused: ")
+_FORGOTTEN = 2.0  # s after which the words about a key that was left out may be about this one
+_LEFT_OUT = (" left out: ", "Refused: ", ": look again.")
+CORRECTED, RULED, SIGNED, TAKEN_BACK = "correct", "rule on a step", "finalise", "take back"
+"""Names of acts in the journal of a run."""
 _DEFAULTS: Mapping[str, Mapping[str, object]] = {
     "competition": {"name": "Euro Door Cup", "referee": "R. Eferee"},
     "run": {"countdown": 1.0},
     "checks": {"disk_space": 0},
     "results": {"reports": False},
 }
+_SENT_OVER_SSH = ("HOME", "LC_ALL", "PATH", "ROS_", "TERM", "XDG_")
+# A program of its own, so that the tests themselves need no ROS.
+_HAND = """\
+import sys, time, rclpy
+from geometry_msgs.msg import WrenchStamped
+rclpy.init()
+node = rclpy.create_node("hand")
+for line in sys.stdin:
+    publisher = node.create_publisher(WrenchStamped, "/madrob/handle/force", 10)
+    while not publisher.get_subscription_count():
+        time.sleep(0.01)
+    message = WrenchStamped()
+    message.header.stamp = node.get_clock().now().to_msg()
+    message.wrench.force.x = 60.0
+    publisher.publish(message)
+"""
 _NOT_INHERITED = (
     "COLORTERM",
     "COLUMNS",
@@ -44,10 +65,22 @@ _NOT_INHERITED = (
 )
 
 
-def _own_domain() -> int:
-    """A ROS domain that no other worker of this session has."""
-    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-    return 1 + (33 * worker + next(_HALLS)) % 100
+needs_ros = pytest.mark.skipif(find_spec("rclpy") is None, reason="needs ROS: pip install '.[ros]'")
+"""Marks stories that need ROS 2."""
+
+
+def _own_domain() -> tuple[int, int]:
+    """A ROS domain that no other test of this machine has, and the lock that keeps it."""
+    for _ in range(100):
+        domain = 1 + (os.getpid() + next(_HALLS)) % 100
+        lock = os.open(f"{tempfile.gettempdir()}/madrob-test-domain-{domain}", os.O_CREAT)
+        try:
+            flock(lock, LOCK_EX | LOCK_NB)
+        except BlockingIOError:
+            os.close(lock)
+        else:
+            return domain, lock
+    pytest.fail("every ROS domain is in use by tests")
 
 
 @dataclass(frozen=True)
@@ -72,7 +105,7 @@ class Hall:
         # The path of a socket is short, and the folders of pytest are long.
         self.state = Path(tempfile.mkdtemp(prefix="madrob-"))
         self.settings_file = folder / ".config" / "madrob" / "madrob.toml"
-        self.domain = _own_domain()
+        self.domain, self._lock = _own_domain()
         inherited = {k: v for k, v in os.environ.items() if k not in _NOT_INHERITED}
         self.environment = inherited | {
             "HOME": str(folder),
@@ -88,19 +121,29 @@ class Hall:
         }
         self._programs: list[subprocess.Popen[bytes]] = []
         self._terminals: list[Terminal] = []
+        self._hand: subprocess.Popen[bytes] | None = None
+        self._teams = folder / "teams.csv"
+        self.write_teams({1: "Alpha", 2: "Beta"})
         self.set()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End everything that was started here, whatever state it is in."""
+        self.end_programs()
+        os.close(self._lock)
+        shutil.rmtree(self.state, ignore_errors=True)
+
+    def end_programs(self) -> None:
+        """End all that was started here, whatever state it is in."""
         for terminal in self._terminals:
             terminal.close()
         wait_until(self._kill_all, "the end of all programs of this hall")
         for program in self._programs:
             program.wait()
-        shutil.rmtree(self.state, ignore_errors=True)
+        if self._hand is not None and self._hand.stdin is not None:
+            self._hand.stdin.close()
+        self._terminals.clear()
 
     # --- settings, teams, plan
 
@@ -109,16 +152,23 @@ class Hall:
         lines: list[str] = []
         for name in {**_DEFAULTS, **tables}:
             values = {**_DEFAULTS.get(name, {}), **tables.get(name, {})}
+            if name == "competition":
+                values = {"teams_file": str(self._teams), **values}
+            if name == "results":
+                values = {"folder": str(self.results), **values}
             lines += [f"[{name}]", *(f"{key} = {json.dumps(v)}" for key, v in values.items())]
         self.settings_file.parent.mkdir(parents=True, exist_ok=True)
         self.settings_file.write_text("\n".join([*lines, more]), encoding="utf-8")
 
-    def write_teams(self, teams: Mapping[int, str]) -> Path:
-        """Write a list of teams; the setting `competition.teams_file` has to name it."""
-        file = self.home / "teams.csv"
+    def write_teams(self, teams: Mapping[int, str]) -> None:
+        """Write the list of teams."""
         rows = [f"{subject},{team}" for subject, team in teams.items()]
-        file.write_text("\n".join(["subject,team", *rows, ""]), encoding="utf-8")
-        return file
+        self._teams.write_text("\n".join(["subject,team", *rows, ""]), encoding="utf-8")
+
+    def put_results(self, folder: Path) -> None:
+        """Keep the runs in another folder."""
+        self.results = folder
+        self.set()
 
     # --- programs
 
@@ -153,19 +203,70 @@ class Hall:
 
     def console(
         self,
-        *options: str,
         command: str = "console",
+        *,
+        rehearsal: bool = False,
+        testbed: str = "simulated",
         scenario: str = "nominal",
-        speed: float = 4.0,
+        speed: float = 8.0,
         columns: int = 120,
         lines: int = 40,
     ) -> Console:
-        """Open the referee's screens on a simulated testbed, as a person at a terminal does."""
-        argv = [MADROB, command, "--testbed", "simulated", "--scenario", scenario]
-        argv += ["--speed", str(speed), *options]
+        """Open the referee's screens, as a person at a terminal does.
+
+        Args:
+            command: `console` for a referee, `watch` for a spectator.
+            rehearsal: whether it is that of the rehearsal; otherwise a simulated run is practice.
+            testbed: `simulated`, or `ros` for what is heard over ROS.
+            scenario: what the simulated robot does.
+            speed: of the simulation; 1 is real time.
+            columns: width of the terminal.
+            lines: height of the terminal.
+        """
+        argv = [MADROB, command, "--testbed", testbed]
+        if testbed == "simulated":
+            argv += ["--scenario", scenario, "--speed", str(speed)]
+        if rehearsal:
+            argv.append("--rehearsal")
+        return self.console_of(argv, columns, lines)
+
+    def over_ssh(self, speed: float) -> list[str]:
+        """The command that opens the referee's screens at the other end of a connection."""
+        own = [f"{k}={v}" for k, v in self.environment.items() if k.startswith(_SENT_OVER_SSH)]
+        return ["env", *own, MADROB, "console", "--testbed", "simulated", "--speed", str(speed)]
+
+    def console_of(self, argv: Sequence[str], columns: int = 120, lines: int = 40) -> Console:
+        """Open the referee's screens with a command line of your own."""
         console = Console(argv, self.environment, columns, lines)
         self._terminals.append(console)
         return console
+
+    def standings(self) -> str:
+        """What `madrob standings` prints of the rehearsal, with one blank between its words."""
+        return " ".join(self.madrob("standings", "--rehearsal").output.split())
+
+    def check(self) -> Done:
+        """Compare all stored results with what their recordings give."""
+        return self.madrob("score", "--check", *self._results_folders())
+
+    # --- the simulated testbed over ROS, and a hand that touches its handle
+
+    def open_testbed(self) -> None:
+        """Publish a simulated testbed over ROS, and have a hand ready at its handle."""
+        self.begin("testbed", "--repeat", "0")
+        self._hand = subprocess.Popen(
+            [sys.executable, "-c", _HAND], env=self.environment, stdin=subprocess.PIPE
+        )
+        self._programs.append(self._hand)
+
+    def touch_handle(self) -> None:
+        """Touch the handle once."""
+        assert self._hand is not None
+        assert self._hand.stdin is not None
+        self._hand.stdin.write(b"touch\n")
+        self._hand.stdin.flush()
+
+    # --- processes
 
     def engines(self) -> list[int]:
         """The processes of the engines of this hall."""
@@ -177,6 +278,26 @@ class Hall:
         (pid,) = wait_until(self.engines, "an engine")
         os.kill(pid, signal.SIGKILL)
         wait_until(lambda: pid not in self.pids(), "the end of the engine")
+
+    def scorers(self) -> list[int]:
+        """The processes that the engine has started to score runs."""
+        (engine,) = self.engines()
+        stats = {pid: Path(f"/proc/{pid}/stat").read_text() for pid in self.pids()}
+        parents = {pid: stat.rpartition(")")[2].split()[1] for pid, stat in stats.items()}
+        return [pid for pid, parent in parents.items() if parent == str(engine)]
+
+    def stop_scorers(self) -> None:
+        """Let the scoring processes stand still."""
+        for pid in wait_until(self.scorers, "a scoring process"):
+            os.kill(pid, signal.SIGSTOP)
+
+    def kill_scorers(self) -> None:
+        for pid in self.scorers():
+            os.kill(pid, signal.SIGKILL)
+
+    def recover(self) -> Done:
+        """Repair all recordings that were cut off."""
+        return self.madrob("recover", *self._results_folders())
 
     def pids(self) -> dict[int, str]:
         """The command lines of all processes that were started here, also by others."""
@@ -200,16 +321,25 @@ class Hall:
 
     # --- runs and their files
 
-    def runs(self, *, rehearsal: bool = False) -> list[Run]:
-        """All runs, official ones, practice and those of the rehearsal, the oldest first."""
-        results = self.results.with_name("madrob_runs_rehearsal") if rehearsal else self.results
-        folders = [*results.glob(_RUN_FOLDERS), *results.glob(f"{_PRACTICE}/{_RUN_FOLDERS}")]
-        return [Run(folder) for folder in sorted(folders, key=lambda each: each.stat().st_ctime)]
+    def _results_folders(self) -> list[Path]:
+        rehearsal = self.results.with_name(f"{self.results.name}_rehearsal")
+        return [folder for folder in (self.results, rehearsal) if folder.exists()]
 
-    def run(self, *, rehearsal: bool = False) -> Run:
+    def runs(self) -> list[Run]:
+        """All runs, also practice and those of the rehearsal, in the order of their names."""
+        results = self._results_folders()
+        places = [place for folder in results for place in (folder, folder / "practice")]
+        folders = [folder for place in places for folder in place.glob("subject_*")]
+        return [Run(folder) for folder in sorted(folders, key=lambda folder: folder.name)]
+
+    def run(self) -> Run:
         """The only run there is, once it is there."""
-        (run,) = wait_until(lambda: self.runs(rehearsal=rehearsal), "a run")
+        (run,) = wait_until(self.runs, "a run")
         return run
+
+    def zips(self) -> list[Path]:
+        """What was packed for teams."""
+        return [path for folder in self._results_folders() for path in folder.glob("exports/*.zip")]
 
 
 @dataclass(frozen=True)
@@ -226,18 +356,26 @@ class Run:
     def has_result(self) -> bool:
         return (self.folder / "result.json").exists()
 
-    def result(self, timeout: float = PATIENCE) -> dict[str, Any]:
-        """The result as it is on the disk, once it is there."""
-        wait_until(self.has_result, f"a result of {self.folder.name}", timeout)
+    def result(self, after: str = "", timeout: float = PATIENCE) -> dict[str, Any]:
+        """The result on the disk, once it is there and later than the last act of this name."""
+        wait_until(lambda: self._has_result_after(after), f"result.json in {self.folder}", timeout)
         content: dict[str, Any] = json.loads((self.folder / "result.json").read_bytes())
         return content
+
+    def _has_result_after(self, act: str) -> bool:
+        acts = self.acts()
+        return "result written" in acts[_last(acts, act) :] and self.has_result()
 
     def outcome(self) -> str:
         return str(self.result()["outcome"])
 
-    def level(self) -> int:
-        """The capability level."""
-        return int(self.result()["indicators"]["capability_level"]["value"])
+    def level(self, after: str = "") -> int:
+        """The capability level in the result that is later than the last act of this name."""
+        return int(self.result(after)["indicators"]["capability_level"]["value"])
+
+    def is_signed(self) -> bool:
+        """Whether the result becomes final."""
+        return self.result(after=SIGNED)["closure"] is not None
 
     def journal(self) -> list[dict[str, Any]]:
         """What was done and what happened, in order; a line that is being written is left out."""
@@ -245,24 +383,74 @@ class Run:
         lines = file.read_bytes().split(b"\n")[:-1] if file.exists() else []
         return [json.loads(line) for line in lines]
 
+    def acts(self) -> list[str]:
+        """The names of what was done and what happened, in order."""
+        return [line["what"] for line in self.journal()]
+
+    def countdowns(self) -> int:
+        """How often the countdown has begun."""
+        return self.acts().count("countdown begins")
+
+    def has_begun(self) -> bool:
+        """Whether the clock of the run has started."""
+        return "run starts" in self.acts()
+
+    def events(self) -> list[str]:
+        """What the sensors have seen since the start, in order."""
+        return [line["details"]["event"] for line in self.journal() if line["what"] == "event"]
+
+    def wait_for_event(self) -> None:
+        """Wait until the sensors have seen something."""
+        wait_until(self.events, "an event")
+
+
+def _last(acts: list[str], act: str) -> int:
+    """Where the last act of this name stands; a name that is not there yet is at the end."""
+    if not act:
+        return 0
+    return len(acts) - acts[::-1].index(act) - 1 if act in acts else len(acts)
+
 
 class Console(Terminal):
     """The screens of a referee in a terminal, and what a referee does there."""
 
     def do(self, keys: str, *words: str) -> None:
-        """Press a key until these words stand on the screen.
+        """Press a key until these words stand on the screen."""
+        self._repeat(lambda: self.press(keys), lambda: self.shows(*words))
 
-        A key that comes before a person could have read what is new is left out. The screen says
-        so, and a person presses it again.
+    def type_words(self, text: str, *words: str) -> None:
+        """Type into the field that waits, then Enter until these words stand on the screen."""
+        self._repeat(lambda: self.send(text), lambda: self._has_line(text))
+        self.do("Enter", *words)
+
+    def _has_line(self, text: str) -> bool:
+        """Whether a line has this text alone, perhaps within a frame."""
+        return any(line.strip("│ ") == text for line in self.lines())
+
+    def click_on(self, label: str, *words: str) -> None:
+        """Click on a label until these words stand on the screen."""
+        self._repeat(lambda: self.click(label), lambda: self.shows(*words))
+
+    def _repeat(self, act: Callable[[], None], is_done: Callable[[], bool]) -> None:
+        """Act until it is done.
+
+        What comes before a person could have read what is new is left out. The screen says so,
+        and a person does it again.
         """
         for _ in range(10):
             said = self._left_out()
-            self.press(keys)
-            wait_until(lambda s=said: self.shows(*words) or self._left_out() - s, f"{words}")  # type: ignore[misc]
-            if self.shows(*words):
+            late = time.monotonic() + _FORGOTTEN
+
+            def is_answered(said: set[str] = said, late: float = late) -> bool:
+                new = self._left_out() - said
+                return is_done() or bool(new) or bool(said and time.monotonic() > late)
+
+            act()
+            self.wait_until(is_answered, "what an act brings")
+            if is_done():
                 return
             time.sleep(_READING)
-        raise AssertionError("\n".join([f"{keys} was left out again and again", *self.lines()]))
+        raise AssertionError("\n".join(["left out again and again", *self.lines()]))
 
     def _left_out(self) -> set[str]:
         """The lines that say that a key was not taken."""
@@ -270,13 +458,9 @@ class Console(Terminal):
 
     # --- before a run
 
-    def set_up(self, subject: int | None = None) -> None:
-        """Set up a run: of this subject, or the one that the form proposes."""
-        self.wait_for(" checks fail")
-        if subject is not None:
-            self.do("F2", "Set up this run")
-            self.send(str(subject))
-            self.wait_for(f"Subject {subject}")
+    def set_up(self) -> None:
+        """Set up the run that the form proposes."""
+        self.wait_for("F7 zeroes the handle", "checks fail")
         self.do("Enter", "is set up")
 
     def zero(self) -> None:
@@ -285,33 +469,153 @@ class Console(Terminal):
     def confirm_pose(self) -> None:
         self.do("F6", "all passed or waived")
 
+    def set_up_again(self) -> None:
+        """Set up another run after a start that was refused."""
+        self.do("Enter", "Run 2 of subject 1 is set up")
+        self.confirm_pose()
+
     def start(self) -> None:
-        """Start, and wait until the robot may move."""
+        """Start, and wait until the recording is open."""
         self.do("F5", "REC")
 
-    def open_run(self) -> None:
-        """From the first screen to a run that goes on."""
+    def make_ready(self) -> None:
+        """From the first screen to all that a start needs."""
         self.set_up()
         self.zero()
         self.confirm_pose()
+
+    def start_in_vain(self) -> None:
+        """Start while the disk does not answer, until the start is refused."""
+        self.press("F5")
+        self.wait_for("Refused: start")
+
+    def open_run(self) -> None:
+        """From the first screen to a run that goes on."""
+        self.make_ready()
         self.start()
+
+    def complete_run(self) -> None:
+        """From the first screen to the result of a run whose robot did all it had to."""
+        self.open_run()
+        self.wait_for("COMPLETED", "not final")
 
     # --- in a run
 
+    def wait_for_run(self) -> None:
+        """Wait until a run goes on."""
+        self.wait_for("RUNNING")
+
+    def wait_for_stop(self, outcome: str = "COMPLETED") -> None:
+        """Wait until the run has stopped in this way."""
+        self.wait_for(outcome)
+
     def abort(self) -> None:
+        """Abort from wherever the referee is: F8, then y."""
         self.press("F8")
-        self.wait_for("ABORT")
+        self.wait_for("ABORT now")
         self.press("y")
-        self.wait_for("ABORTED")
+        self.wait_until(lambda: not self.shows("ABORT now"), "an abort")
+
+    def question_by_mouse(self) -> None:
+        """Open a question with the mouse, and choose an answer that waits for words."""
+        self.click_on("Incident", "collision")
+        self.click_on("other", "What happened?")
+
+    def restart_countdown(self) -> None:
+        self.do("r", "starts in")
+
+    def accept_false_start(self) -> None:
+        self.do("a", "Why")
+        self.do("Enter", "starts in")
 
     # --- after a run
 
+    def open_menu(self, key: str, *words: str) -> None:
+        """Choose a line from the menu of the run."""
+        self.do("Enter", "What do you want to do")
+        self.do(key, *words)
+
+    def deny_step(self, step: int) -> None:
+        self.do(str(step), f"Step {step}: ")
+        self.do("d", f"step {step} denied")
+
+    def confirm_step(self, step: int) -> None:
+        self.do(str(step), f"Step {step}: ")
+        self.do("c", f"step {step} confirmed")
+
+    def take_back(self) -> None:
+        """Take the last decision back."""
+        self.do("z", "Take back the last decision")
+        self.do("Enter", "taken back")
+
+    def correct_team(self, subject: int) -> None:
+        """The run was that of another team."""
+        self.open_menu("c", "Correct what was set up")
+        self.do("s", "Correct the subject")
+        self.type_words(str(subject), "Why?")
+        self.do("1", "corrected")
+
+    def protest(self, step: int, words: str) -> None:
+        """File a protest of the team of this run about a step."""
+        self.open_menu("P", "What is it about?")
+        self.do(str(step), "Who protests?")
+        self.do("1", "What does the team say?")
+        self.type_words(words, "waits for a decision")
+
+    def uphold_protest(self, words: str) -> None:
+        """Decide the open protest for the team, in words."""
+        self.open_menu("P", "What becomes of it?")
+        self.do("d", "How is it decided?")
+        self.do("u", "In words, for the team")
+        self.type_words(words, f"upheld ({words})")
+
+    def try_to_sign(self, refusal: str) -> None:
+        """Look for the signature in the menu, which says why there is none."""
+        self.do("Enter", "Not now: f", refusal)
+        self.press("Escape")
+        self.wait_until(lambda: not self.shows(refusal), "the end of the menu")
+
     def sign(self) -> None:
         """Sign the result. The team acknowledges it."""
-        self.do("Enter", "What do you want to do")
-        self.do("f", "Sign the result")
+        self.open_menu("f", "Sign the result")
+        if self.wait_for_one(["Sign it all the same?"], ["What does the team say?"]) == 0:
+            self.do("y", "What does the team say?")
         self.do("a", "Note")
         self.do("Enter", "signed by")
+
+    # --- after a failure
+
+    def wait_for_full_disk(self) -> None:
+        """Wait until the recorder says that the disk is full."""
+        self.wait_for("No space left")
+
+    def wait_for_unwritten_result(self) -> None:
+        """Wait until the screen says that the result is not on the disk yet."""
+        self.wait_for("NOT ON DISK")
+
+    def start_engine_again(self) -> None:
+        self.do("Ctrl+R", "WAS CUT OFF")
+
+    def score_as_interrupted(self) -> None:
+        """Answer the question that opens by itself about a run that was cut off."""
+        self.do("s", "INTERRUPTED")
+
+    # --- lists, files, the end
+
+    def open_history(self, *words: str) -> None:
+        """Look at the list of all runs until it has these words."""
+        self.do("h", *words)
+
+    def open_standings(self, *words: str) -> None:
+        """Look at the standings until they have these words."""
+        self.do("s", *words)
+
+    def open_result(self) -> None:
+        self.do("F4", "version")
+
+    def export_zip(self) -> None:
+        """Pack all runs of the team of this run."""
+        self.open_menu("e", "Packed")
 
     def leave(self) -> int:
         """Leave while no run goes on; the exit code."""

@@ -100,20 +100,28 @@ class Terminal:
         self.wait_for_one(words, timeout=timeout)
 
     def wait_for_one(self, *choices: Sequence[str], timeout: float = PATIENCE) -> int:
-        """Wait until all words of one choice stand on the screen, and return its index.
-
-        Raises:
-            AssertionError: the words did not come, or the program ended before them.
-        """
+        """Wait until all words of one choice stand on the screen, and return its index."""
 
         def look() -> list[int]:
+            return [index for index, words in enumerate(choices) if self.shows(*words)]
+
+        return self.wait_until(look, " or ".join(map(str, choices)), timeout)[0]
+
+    def wait_until(self, look: Callable[[], _Seen], what: str, timeout: float = PATIENCE) -> _Seen:
+        """Look again and again until something true is seen, and return it.
+
+        Raises:
+            AssertionError: nothing true was seen, or the program ended before it.
+        """
+
+        def look_on() -> _Seen:
             ended = self.process.poll() is not None
-            found = [index for index, words in enumerate(choices) if self.shows(*words)]
-            assert found or not ended, "the program ended"
-            return found
+            seen = look()
+            assert seen or not ended, f"the program ended before {what}"
+            return seen
 
         try:
-            return wait_until(look, " or ".join(map(str, choices)), timeout)[0]
+            return wait_until(look_on, what, timeout)
         except AssertionError as error:
             raise AssertionError("\n".join([str(error), *self.lines()])) from None
 
