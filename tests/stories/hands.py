@@ -416,11 +416,11 @@ class Console(Terminal):
 
     def do(self, keys: str, *words: str) -> None:
         """Press a key until these words stand on the screen."""
-        self._repeat(lambda: self.press(keys), lambda: self.shows(*words))
+        self._repeat(lambda: self.press(keys), lambda: self.shows(*words), f"{keys}: {words}")
 
     def type_words(self, text: str, *words: str) -> None:
         """Type into the field that waits, then Enter until these words stand on the screen."""
-        self._repeat(lambda: self.send(text), lambda: self._has_line(text))
+        self._repeat(lambda: self.send(text), lambda: self._has_line(text), text)
         self.do("Enter", *words)
 
     def _has_line(self, text: str) -> bool:
@@ -429,9 +429,9 @@ class Console(Terminal):
 
     def click_on(self, label: str, *words: str) -> None:
         """Click on a label until these words stand on the screen."""
-        self._repeat(lambda: self.click(label), lambda: self.shows(*words))
+        self._repeat(lambda: self.click(label), lambda: self.shows(*words), f"{label}: {words}")
 
-    def _repeat(self, act: Callable[[], None], is_done: Callable[[], bool]) -> None:
+    def _repeat(self, act: Callable[[], None], is_done: Callable[[], bool], what: str) -> None:
         """Act until it is done.
 
         What comes before a person could have read what is new is left out. The screen says so,
@@ -446,11 +446,11 @@ class Console(Terminal):
                 return is_done() or bool(new) or bool(said and time.monotonic() > late)
 
             act()
-            self.wait_until(is_answered, "what an act brings")
+            self.wait_until(is_answered, what)
             if is_done():
                 return
             time.sleep(_READING)
-        raise AssertionError("\n".join(["left out again and again", *self.lines()]))
+        raise AssertionError("\n".join([f"{what} was left out again and again", *self.lines()]))
 
     def _left_out(self) -> set[str]:
         """The lines that say that a key was not taken."""
