@@ -6,6 +6,7 @@ This file alone knows keys, options of commands and names of files in a run.
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import os
 import shutil
@@ -14,13 +15,14 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fcntl import LOCK_EX, LOCK_NB, flock
 from importlib.util import find_spec
 from itertools import count, pairwise
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import pytest
 
@@ -621,3 +623,337 @@ class Console(Terminal):
         """Leave while no run goes on; the exit code."""
         self.press("F10")
         return self.wait_exit()
+
+
+# --- commands, ROS and files: what stories do without screens
+
+RUN_MADROB = str(Path(sys.executable).with_name("run_madrob"))
+SIMULATED = ("--testbed", "simulated", "--speed", "0")
+_LAB_TOPICS = """
+[[topics]]
+signal = "door angle"
+topic = "/lab/joints"
+type = "sensor_msgs/msg/JointState"
+field = "position[name=door]"
+unit = "deg"
+
+[[topics]]
+signal = "handle force"
+topic = "/lab/load_cell"
+type = "geometry_msgs/msg/WrenchStamped"
+field = "wrench.force.z"
+unit = "gf"
+"""
+_LAB_STRIP = """
+[[topics]]
+signal = "passage {side} {end}"
+topic = "/lab/ranges/{side}_{end}"
+type = "sensor_msgs/msg/LaserScan"
+field = "ranges"
+unit = "mm"
+"""
+
+
+def call(hall: Hall, *arguments: object) -> Done:
+    """Run a command of `madrob` to its end, also beside others that take the processor."""
+    return hall.madrob(*arguments, timeout=60.0)
+
+
+def check(hall: Hall) -> Done:
+    """Compare all stored results with what their recordings give."""
+    return call(hall, "score", "--check", *hall._results_folders())
+
+
+def recover(hall: Hall) -> Done:
+    """Repair all recordings that were cut off."""
+    return call(hall, "recover", *hall._results_folders())
+
+
+def simulate(
+    hall: Hall,
+    scenario: str = "nominal",
+    *more: object,
+    subject: int = 1,
+    rehearsal: bool = True,
+    timeout: float = 60.0,
+) -> Done:
+    """Make a run without screens on the simulated testbed, as fast as possible.
+
+    Args:
+        hall: where.
+        scenario: what the robot does.
+        more: further options.
+        subject: the number of the team.
+        rehearsal: whether it counts in the rehearsal; otherwise it is practice.
+        timeout: of the run, s.
+    """
+    day = ["--rehearsal"] if rehearsal else []
+    robot = ["--scenario", scenario, "--timeout", timeout, "--subject", subject]
+    return call(hall, "run", *SIMULATED, *day, *robot, *more)
+
+
+def make_run(
+    hall: Hall,
+    scenario: str = "nominal",
+    *more: object,
+    subject: int = 1,
+    rehearsal: bool = True,
+    timeout: float = 60.0,
+) -> Run:
+    """As `simulate`, and return the run that it names in its last line."""
+    done = simulate(hall, scenario, *more, subject=subject, rehearsal=rehearsal, timeout=timeout)
+    assert "run folder: " in done.output, done.errors
+    return Run(Path(done.output.rpartition("run folder: ")[2].strip()))
+
+
+def begin_run(hall: Hall) -> subprocess.Popen[bytes]:
+    """Begin a run without screens on the simulated testbed, in real time."""
+    return hall.begin("run", "--testbed", "simulated")
+
+
+def begin_run_over_ros(hall: Hall, *more: object) -> subprocess.Popen[bytes]:
+    """Begin a run without screens on the testbed that is heard over ROS."""
+    return hall.begin("run", "--testbed", "ros", *more)
+
+
+def interrupt(program: subprocess.Popen[bytes]) -> int:
+    """Press Ctrl+C, and return the exit code."""
+    program.send_signal(signal.SIGINT)
+    return program.wait(60.0)
+
+
+def publish(hall: Hall, *speeches: str) -> subprocess.Popen[bytes]:
+    """Publish over ROS what `publisher.py` calls so, until it is killed or the hall ends."""
+    root = Path(__file__).parents[2]
+    program = subprocess.Popen(
+        [sys.executable, "-m", "tests.stories.publisher", *speeches],
+        env=hall.environment,
+        cwd=root,
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    hall._programs.append(program)
+    return program
+
+
+def expect_lab(hall: Hall) -> None:
+    """Set topics and units of the laboratory: degrees, grams, mm, one joint by its name."""
+    ends = [(side, end) for side in ("cw", "ccw") for end in ("left", "right")]
+    hall.set(_LAB_TOPICS + "".join(_LAB_STRIP.format(side=s, end=e) for s, e in ends))
+
+
+def expect_cameras(hall: Hall) -> None:
+    """Record all cameras beside the runs."""
+    hall.set(recording={"topics": ["/camera/**"]})
+
+
+def kill_camera_recorder(hall: Hall) -> None:
+    """End the process that records cameras, as kill -9 does."""
+
+    def find() -> list[int]:
+        return [pid for pid, words in hall.pids().items() if "evidence_worker" in words]
+
+    for pid in wait_until(find, "a recorder of cameras"):
+        os.kill(pid, signal.SIGKILL)
+
+
+def value_of(run: Run, indicator: str) -> float:
+    """Return a stored value with all its digits."""
+    return float(run.result()["indicators"][indicator]["value"])
+
+
+def place_of(hall: Hall, run: Run) -> str:
+    """Return where a run lies: among the official runs, in practice or in the rehearsal."""
+    rehearsal = hall.results.with_name(f"{hall.results.name}_rehearsal")
+    places = {hall.results: "official", hall.results / "practice": "practice"}
+    return (places | {rehearsal: "rehearsal"})[run.folder.parent]
+
+
+def values_of(run: Run) -> dict[str, float | None]:
+    """Return all stored values; None for a missing one."""
+    return {name: one["value"] for name, one in run.result()["indicators"].items()}
+
+
+def replay(hall: Hall, run: Run) -> Console:
+    """Show a recorded run on the screens of a referee, as fast as possible."""
+    return hall.console_of(
+        [MADROB, "console", "--testbed", "replay", str(run.folder), "--speed", "0"]
+    )
+
+
+REPLAYED_ALIKE = "equals the stored result to the last digit"
+"""What the screen says at the end of a replay."""
+
+
+REISSUED = "re-issued after a rule change"
+"""What the journal calls it."""
+
+
+def reissue(hall: Hall, run: Run, reason: str, rules: str) -> Done:
+    """Score a run by other rules from now on."""
+    return call(hall, "score", "--reissue", reason, "--ruleset", rules, run.folder)
+
+
+def earlier_issue(run: Run, number: int) -> bytes:
+    """Return a result that was replaced, as it is on the disk."""
+    return (run.folder / f"result_issue_{number}.json").read_bytes()
+
+
+def result_bytes(run: Run) -> bytes:
+    return (run.folder / "result.json").read_bytes()
+
+
+def edit_result(run: Run) -> None:
+    """Make the stored time to the handle a little better."""
+    document = run.result()
+    document["indicators"]["time_to_handle"]["value"] -= 0.5
+    (run.folder / "result.json").write_text(json.dumps(document), encoding="utf-8")
+
+
+def edit_journal(run: Run) -> None:
+    """Let the journal say that the run had stopped earlier."""
+    file = run.folder / "journal.jsonl"
+    lines = run.journal()
+    (stop,) = [line for line in lines if line["what"] == "run stops"]
+    stop["details"]["time"] -= 3.0
+    file.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+
+
+def edit_recording(run: Run) -> None:
+    """Turn a byte in the middle of the recording."""
+    content = bytearray(run.bag.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    run.bag.write_bytes(content)
+
+
+def copy_journal(run: Run, folder: Path) -> None:
+    """Put the journal of a run beside a recording of it that another tool has written."""
+    shutil.copy(run.folder / "journal.jsonl", folder)
+
+
+def write_plan(hall: Hall, lines: Sequence[str]) -> None:
+    """Write a plan, lines of subject, condition and attempts, and name it in the settings."""
+    plan = hall.home / "plan.csv"
+    plan.write_text("\n".join(["subject,condition,attempts", *lines, ""]), encoding="utf-8")
+    hall.set(plan={"file": str(plan)})
+
+
+def plan(hall: Hall) -> dict[str, Any]:
+    """Return what `madrob plan` says of the rehearsal."""
+    content: dict[str, Any] = json.loads(call(hall, "plan", "--rehearsal", "--json").output)
+    return content
+
+
+def standings_values(
+    hall: Hall, indicator: str, *, rehearsal: bool = True, practice: bool = False
+) -> dict[str, float]:
+    """Return the mean of each team in the standings, with all digits."""
+    which = ["--rehearsal"] * rehearsal + ["--practice"] * practice
+    text = call(hall, "standings", "--csv", *which).output
+    rows = [row for row in csv.DictReader(text.splitlines()) if row["indicator"] == indicator]
+    return {row["team"]: float(row["mean"]) for row in rows if row["condition"] != "all"}
+
+
+def site_values(hall: Hall, indicator: str) -> dict[str, float]:
+    """Publish the web pages of the rehearsal, and return the values in their tables."""
+    done = call(hall, "publish", hall.home / "site", "--rehearsal")
+    assert done.code == 0, done.errors
+    (table,) = (hall.home / "site_rehearsal").rglob("indicators.csv")
+    return _values_in(table.read_text(encoding="utf-8"), indicator)
+
+
+def zip_values(hall: Hall, subject: int, indicator: str) -> dict[str, float]:
+    """Pack the runs of a team for it, and return the values in the tables of the zip."""
+    done = call(hall, "export", "--rehearsal", "--subject", subject)
+    assert done.code == 0, done.errors
+    with zipfile.ZipFile(done.output.strip().splitlines()[-1]) as packed:
+        (name,) = [name for name in packed.namelist() if name.endswith("indicators.csv")]
+        return _values_in(packed.read(name).decode(), indicator)
+
+
+def _values_in(table: str, indicator: str) -> dict[str, float]:
+    rows = [row for row in csv.DictReader(table.splitlines()) if row["indicator"] == indicator]
+    return {row["team"]: float(row["value"]) for row in rows}
+
+
+def tables_of(
+    hall: Hall, name: str, *, jobs: int | None = None, scheduler: str = ""
+) -> dict[str, bytes]:
+    """Score all runs of the rehearsal into tables, and return them by their names.
+
+    Args:
+        hall: where.
+        name: of the folder for them.
+        jobs: so many processes.
+        scheduler: the address of a Dask cluster that does it.
+    """
+    (results,) = hall._results_folders()
+    how = ["--jobs", jobs] if jobs else ["--scheduler", scheduler]
+    done = call(hall, "score", results, "--output", hall.home / name, *how)
+    assert done.code == 0, done.errors
+    return {file.name: file.read_bytes() for file in (hall.home / name).rglob("*.csv")}
+
+
+def eurobench_files(run: Run) -> list[Path]:
+    """Return events, forces, angles and condition of a run in EUROBENCH's files."""
+    patterns = ("*_event.csv", "*_wrench.csv", "*_jointState.csv", "condition_*.yaml")
+    return [next(run.folder.glob(pattern)) for pattern in patterns]
+
+
+def run_madrob(hall: Hall, files: Sequence[Path], output: Path) -> int:
+    """Score EUROBENCH's files by the program that its runner calls, and return its exit code."""
+    command = [RUN_MADROB, *map(str, files), str(output)]
+    return subprocess.run(
+        command, env=hall.environment, cwd=hall.home, capture_output=True, check=False, timeout=60.0
+    ).returncode
+
+
+def eurobench_values(folder: Path) -> dict[str, str]:
+    """Return the value in each of EUROBENCH's YAML files by its name, as it is written."""
+    return {
+        file.stem: file.read_text(encoding="utf-8").rpartition("value: ")[2].strip()
+        for file in folder.glob("*.yaml")
+    }
+
+
+def title_of(console: Console) -> str:
+    """Return the title that the window of a terminal has."""
+    return str(console._screen.title)
+
+
+NO_PATIENCE = ("--wait", "1")
+BY_EUROBENCH = ("--ruleset", "eurobench-2020")
+Spoil: TypeAlias = Callable[[Sequence[Path]], None]
+
+
+def remove_first(files: Sequence[Path]) -> None:
+    files[0].unlink()
+
+
+def empty_first(files: Sequence[Path]) -> None:
+    files[0].write_bytes(b"")
+
+
+def address_in(file: Path) -> str:
+    """Return the address of a Dask scheduler; nothing while its file is not there yet."""
+    with contextlib.suppress(OSError, ValueError):
+        return str(json.loads(file.read_text(encoding="utf-8"))["address"])
+    return ""
+
+
+def hand_in(hall: Hall) -> Done:
+    """Ask whether the runs of the rehearsal may be handed in."""
+    (results,) = hall._results_folders()
+    return call(hall, "doctor", "--archive", results)
+
+
+def watch_lines(hall: Hall) -> Path:
+    """Watch beside the console without screens, and return the file with all that is printed."""
+    file = hall.home / "lines.txt"
+    hall.begin("watch", "--plain", "--testbed", "ros", output=file)
+    return file
+
+
+def faults_of(run: Run) -> int:
+    """Return how many testbed faults the journal of a run has."""
+    return sum("fault" in line["what"] for line in run.journal())
