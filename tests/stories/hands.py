@@ -528,7 +528,7 @@ class Console(Terminal):
 
     def accept_false_start(self) -> None:
         self.do("a", "Why")
-        self.do("Enter", "starts in")
+        self.do("Space", "starts in")
 
     # --- after a run
 
@@ -548,7 +548,7 @@ class Console(Terminal):
     def take_back(self) -> None:
         """Take the last decision back."""
         self.do("z", "Take back the last decision")
-        self.do("Enter", "taken back")
+        self.do("Space", "taken back")
 
     def correct_team(self, subject: int) -> None:
         """The run was that of another team."""
@@ -614,6 +614,10 @@ class Console(Terminal):
 
     def open_result(self) -> None:
         self.do("F4", "version")
+
+    def open_replay(self) -> None:
+        """Show the recording of this run in place of the testbed."""
+        self.open_menu("R", "REPLAY")
 
     def export_zip(self) -> None:
         """Pack all runs of the team of this run."""

@@ -22,6 +22,7 @@ _LOOKING = 0.02  # s between two looks
 _CODES = ("OP", "OQ", "OR", "OS", "[15~", "[17~", "[18~", "[19~", "[20~", "[21~")
 KEYS = {f"F{number}": f"\x1b{code}" for number, code in enumerate(_CODES, start=1)} | {
     "Enter": "\r",
+    "Space": " ",
     "Tab": "\t",
     "Escape": "\x1b",
     "Down": "\x1b[B",
@@ -143,6 +144,13 @@ class Terminal:
     def wait_exit(self, timeout: float = PATIENCE) -> int:
         """Wait for the end of the program and return its exit code."""
         return self.process.wait(timeout)
+
+    def hang_up(self) -> int:
+        """Take the terminal away, as a lost connection does, and return the exit code."""
+        os.kill(os.getpgid(self.process.pid), 0)
+        os.close(self._fd)
+        self._reader.join(1.0)
+        return self.wait_exit()
 
     def kill(self) -> None:
         """End the program as kill -9 does."""
