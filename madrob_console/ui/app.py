@@ -218,8 +218,22 @@ class MadrobApp(App[None], inherit_bindings=False):
         ):
             if self.screen.is_mounted:  # closed earlier, it would end in an error
                 await super().on_event(event)
-        elif not (self._leaves_out(event) or (self._console.dialogs and self._ask_first(event))):
+        elif not (
+            self._leaves_out(event)
+            or (self._console.dialogs and self._ask_first(event))
+            or await self._escapes(event)
+        ):
             await super().on_event(event)
+
+    async def _escapes(self, event: events.Event) -> bool:
+        """Carries Escape out at once: the next key is for what it leads to."""
+        if not isinstance(event, events.Key) or event.key != "escape":
+            return False
+        active = self.screen.active_bindings.get("escape")
+        if active is None:
+            return False
+        await self.run_action(active.binding.action, active.node)
+        return True
 
     def _leaves_out(self, event: events.Event) -> bool:
         if not isinstance(event, events.Key | events.Paste | events.MouseDown | events.MouseUp):

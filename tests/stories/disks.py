@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.programs import found
+from tests.stories.hands import system_program
 
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="needs root: a disk is mounted")
 """Marks stories that mount disks."""
@@ -60,7 +60,7 @@ def mounted(folder: Path) -> Iterator[Disk]:
     image = folder.with_suffix(".img")
     with image.open("wb") as file:
         file.truncate(_SIZE)
-    _run([found("mkfs.ext4") or "mkfs.ext4", "-q", "-F", str(image)])
+    _run([system_program("mkfs.ext4"), "-q", "-F", str(image)])
     folder.mkdir()
     ctypes.CDLL(None).unshare(_NEW_MOUNTS)
     _run(["mount", "--make-rprivate", "/"])

@@ -85,6 +85,11 @@ def _own_domain() -> tuple[int, int]:
     pytest.fail("every ROS domain is in use by tests")
 
 
+def system_program(name: str) -> str:
+    """Return where a program of the system lies, also in a folder that only root searches."""
+    return shutil.which(name, path=f"{os.environ['PATH']}:/usr/sbin:/sbin") or name
+
+
 @dataclass(frozen=True)
 class Done:
     """A command that has run to its end, with all that it printed."""
@@ -606,6 +611,7 @@ class Console(Terminal):
 
     def open_history(self, *words: str) -> None:
         """Look at the list of all runs until it has these words."""
+        self.press("Escape")  # no letter goes into a field
         self.do("h", *words)
 
     def open_standings(self, *words: str) -> None:

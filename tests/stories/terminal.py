@@ -147,10 +147,13 @@ class Terminal:
 
     def hang_up(self) -> int:
         """Take the terminal away, as a lost connection does, and return the exit code."""
-        os.kill(os.getpgid(self.process.pid), 0)
-        os.close(self._fd)
-        self._reader.join(1.0)
+        self._close_terminal()
         return self.wait_exit()
+
+    def _close_terminal(self) -> None:
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
 
     def kill(self) -> None:
         """End the program as kill -9 does."""
@@ -161,7 +164,7 @@ class Terminal:
         """End the program and take its terminal away."""
         self.kill()
         self._reader.join(1.0)
-        os.close(self._fd)
+        self._close_terminal()
 
     def __enter__(self) -> Self:
         return self

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.programs import found
-from tests.stories.hands import Hall
+from tests.stories.hands import Hall, system_program
 from tests.stories.terminal import wait_until
 
 pytestmark = [
@@ -55,7 +54,7 @@ def login(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[str]]:
         with socket.socket() as knock:
             return knock.connect_ex(("127.0.0.1", port)) == 0
 
-    command = [found("sshd") or "sshd", "-D", "-e", "-f", str(config)]
+    command = [system_program("sshd"), "-D", "-e", "-f", str(config)]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as server:
         wait_until(answers, "the SSH server")
         yield [*argv, f"{getpass.getuser()}@127.0.0.1"]
