@@ -45,6 +45,8 @@ def run_console(
         MadrobError: the terminal cannot show screens, or there is no engine to be had.
     """
     check_terminal(os.environ)
+    for name in ("COLUMNS", "LINES"):  # textual believes them, and the window has its own size
+        os.environ.pop(name, None)
 
     def connected(may_start: bool) -> EngineClient:
         client = open_client(may_start)

@@ -77,6 +77,12 @@ def test_a_signal_ends_the_console_even_if_its_terminal_takes_nothing(running: T
 
 
 @pytest.mark.machine
+def test_a_size_in_the_environment_decides_nothing() -> None:
+    with console(COLUMNS="40", LINES="10") as terminal:
+        assert terminal.screen()[-1].endswith(LAST_KEY)
+
+
+@pytest.mark.machine
 def test_quitting_a_run_asks_and_then_restores_the_terminal(running: Terminal) -> None:
     running.send(F10)
     running.wait_for("LEAVE the console while a run goes on")
