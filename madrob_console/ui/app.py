@@ -230,10 +230,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         if not isinstance(event, events.Key) or event.key != "escape":
             return False
         active = self.screen.active_bindings.get("escape")
-        if active is None:
-            return False
-        await self.run_action(active.binding.action, active.node)
-        return True
+        return active is not None and await self.run_action(active.binding.action, active.node)
 
     def _leaves_out(self, event: events.Event) -> bool:
         if not isinstance(event, events.Key | events.Paste | events.MouseDown | events.MouseUp):

@@ -336,8 +336,9 @@ class Hall:
         """All runs, also practice and those of the rehearsal, in the order of their names."""
         results = self._results_folders()
         places = [place for folder in results for place in (folder, folder / "practice")]
-        folders = [folder for place in places for folder in place.glob("subject_*")]
-        return [Run(folder) for folder in sorted(folders, key=lambda folder: folder.name)]
+        runs = [Run(folder) for place in places for folder in place.glob("subject_*")]
+        begun = [run for run in runs if run.countdowns()]  # others were withdrawn at their start
+        return sorted(begun, key=lambda run: run.folder.name)
 
     def run(self) -> Run:
         """The only run there is, once it is there."""
@@ -482,8 +483,15 @@ class Console(Terminal):
         self.confirm_pose()
 
     def start(self) -> None:
-        """Start, and wait until the recording is open."""
-        self.do("F5", "REC")
+        """Start, and wait until the recording is open.
+
+        A busy machine may need more than the 2 s that a start has for the disk. The run gets
+        another number then, and the referee confirms the pose again.
+        """
+        self.press("F5")
+        if self.wait_for_one(["REC"], ["Refused: start"]) == 1:
+            self.confirm_pose()
+            self.do("F5", "REC")
 
     def make_ready(self) -> None:
         """From the first screen to all that a start needs."""

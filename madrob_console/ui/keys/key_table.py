@@ -204,7 +204,7 @@ MENU = (
         acts.Correct.name, ask_correction, where=_RUN,
     ),
     Key(
-        "void", "", "v", "Void", "cancel this run; gives the attempt back; z takes that back",
+        "void", "", "v", "Void", "cancel it; gives the attempt back; z takes that back",
         acts.Void.name, VOID, where=_RESULTS,
     ),
     Key(

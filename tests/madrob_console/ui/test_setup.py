@@ -166,7 +166,7 @@ STORIES: Stories = {
             (on_engine(competition=f"Cup {name}"),),
             ("", acting(in_row, 1, f"Cup {name}")),
             (Driver.run, run_of_its_team),
-            (acting(Driver.press, "i", "n", *name, "enter"),),
+            (acting(Driver.press, "i", "w", *name, "enter"),),
             (Driver.finish, run_of_its_team),
         ]
         for name in ("[red]Bots[/b]", "門 ドア 🚪", "a\\[b] 100 %")
