@@ -174,6 +174,11 @@ class Decoder:
         assert isinstance(sample, PassageSample)
         return parts.joined(place, sample)
 
+    def ambiguity(self, topic: str) -> str | None:
+        """Why the topic's newest sample may be of another joint; None = it is not."""
+        reader = self._readers.get(topic)
+        return None if reader is None or reader.watch is None else reader.watch.ambiguity
+
     def take_remarks(self) -> tuple[Remark, ...]:
         """The remarks since the last call."""
         remarks = tuple(self.remarks)
@@ -233,9 +238,14 @@ def _within_limits(part: PassageSample) -> float:
 
 
 class _NameWatch:
-    """Looks at what a fixed index rests on: publishers do not promise the order of names."""
+    """Looks at what a fixed index rests on: publishers do not promise the order of names.
+
+    Attributes:
+        ambiguity: why the newest message's value may be another joint's; None = it has one name.
+    """
 
     def __init__(self, mapping: TopicMapping, names: Getter, remarks: list[Remark]) -> None:
+        self.ambiguity: str | None = None
         self._signal = mapping.signal
         self._array, _, index = mapping.field.rstrip("]").rpartition("[")
         self._index = int(index)
@@ -243,23 +253,24 @@ class _NameWatch:
         self._names = names
         self._remarks = remarks
         self._first: str | None = None
-        self._changed = False
+        self._doubted = False
 
     def look(self, message: Message) -> None:
-        try:
-            names = self._names(message)
-            name = terminal_safe(names[self._index][:_LONGEST_NAME])
-        except IndexError:
+        names = self._names(message)
+        self.ambiguity = None
+        if self._index >= len(names):
             return
+        name = terminal_safe(names[self._index][:_LONGEST_NAME])
+        self._first = self._first or name
         remedy = f"use {self._array}[name=...]"
-        if self._first is None:
-            self._first = name
-            if len(names) > 1:
-                words = f"{self._field} is '{name}', one of {len(names)} names: {remedy}"
-                self._remarks.append(Remark(words))
-        elif name != self._first and not self._changed:
-            self._changed = True
+        words = ""
+        if len(names) > 1:
+            words = f"{self._field} is '{name}', one of {len(names)} names: {remedy}"
+            self.ambiguity = words
+        elif name != self._first:
             words = f"{self._field} was '{self._first}', then '{name}': {remedy}"
+        if words and not self._doubted:
+            self._doubted = True
             self._remarks.append(Remark(words, self._signal))
 
 
@@ -281,7 +292,7 @@ class _Reader:
         )
         self._build = _builder(mapping, field)
         names = field.names(types)
-        self._watch = None if names is None else _NameWatch(mapping, names, remarks)
+        self.watch = None if names is None else _NameWatch(mapping, names, remarks)
         self._layout: Layout | None = None
         self._misses = 0
 
@@ -299,8 +310,8 @@ class _Reader:
 
     def _read_whole(self, data: bytes) -> tuple[Numbers, ...]:
         message = self._types.decode(self._type, data)
-        if self._watch is not None:
-            self._watch.look(message)
+        if self.watch is not None:
+            self.watch.look(message)
         wanted = [one.at(message) for one in self._wanted]
         if self._misses < _MOST_MISSES:  # else no message is laid out like the one before
             self._misses += 1

@@ -86,6 +86,7 @@ class Observation:
         sample, error = None, None
         try:
             sample = self._decoder.decode(message)
+            error = self._decoder.ambiguity(message.topic)
         except MessageError as problem:
             error = str(problem)
         if shown:
