@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
-from madrob_console.cli.doctor_ros import overheard
+from madrob_console.cli.doctor_ros import in_child
 from madrob_console.cli.finding import Finding, Severity
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted, listed
@@ -40,9 +40,20 @@ def look_at_evidence(
     if not choice.topics:
         yield Finding(Severity.OK, "evidence", "none is wanted: setting `recording.topics`")
         return
+    given = choice, tuple(own_topics), domain, budget, dict(environment), ros_args
+    yield from in_child("evidence", _look_inside, *given)
+
+
+def _look_inside(
+    choice: EvidenceChoice,
+    own_topics: Collection[str],
+    domain: int | None,
+    budget: int,
+    environment: Mapping[str, str],
+    ros_args: Sequence[str],
+) -> Iterator[Finding]:
     try:
-        with overheard() as lines:
-            seen = _listen(choice, own_topics, domain, environment, ros_args)
+        seen = _listen(choice, own_topics, domain, environment, ros_args)
     except MadrobError as error:
         yield Finding(Severity.WARNING, "evidence", str(error))
         return
@@ -51,7 +62,6 @@ def look_at_evidence(
     if topics:
         yield _whole(topics, budget)
     yield from (Finding(Severity.WARNING, "evidence", words) for words in _missing_evidence(seen))
-    yield from (Finding(Severity.WARNING, "ros says", words) for words in lines)
 
 
 def _listen(

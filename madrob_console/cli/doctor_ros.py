@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import importlib.util
 import os
 import re
@@ -10,10 +11,12 @@ import socket
 import sys
 import time
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import partial
 from importlib import metadata
+from multiprocessing import get_context
+from multiprocessing.connection import Connection as Pipe
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -28,6 +31,8 @@ from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import (
     REMEDY,
+    SEE_DOCTOR,
+    SHARED_MEMORY,
     Connection,
     RosObject,
     load_module,
@@ -84,6 +89,39 @@ def _plain(line: str) -> str:
     return _PLACE.sub("", _DATE.sub("", terminal_safe(line))).strip()
 
 
+def in_child(
+    subject: str, look: Callable[..., Iterable[Finding]], *arguments: object
+) -> Iterator[Finding]:
+    """Collect what a look at ROS finds, in a process of its own: ROS may end it.
+
+    Where ROS does, that is an error about `subject`. What libraries print is a finding, too.
+    """
+    context = get_context("spawn")  # a fork would copy the threads of ROS
+    ours, theirs = context.Pipe(duplex=False)
+    child = context.Process(target=_report, args=(theirs, look, arguments), daemon=True)
+    with overheard() as lines:
+        child.start()
+        theirs.close()
+        try:
+            found = ours.recv()
+        except EOFError:
+            found = None
+        child.join()
+    if found is None:
+        words = f"ROS ended the program that tried it (exit code {child.exitcode})"
+        found = [Finding(Severity.ERROR, subject, words)]
+    yield from found
+    yield from (Finding(Severity.WARNING, "ros says", line) for line in lines)
+
+
+def _report(
+    pipe: Pipe[object, object],
+    look: Callable[..., Iterable[Finding]],
+    arguments: Sequence[object],
+) -> None:
+    pipe.send(list(look(*arguments)))
+
+
 SYSTEM_ROS = Path("/opt/ros")
 _WHEELS = "ros-jazzy-rclpy"
 _DISCOVERY = 3.0
@@ -106,10 +144,7 @@ def look_at_ros(
     yield _discovery(environment)
     if importlib.util.find_spec("rclpy") is None:
         return
-    with overheard() as lines:
-        found = list(_look_inside(mappings, number, listen, environment))
-    yield from found
-    yield from (Finding(Severity.WARNING, "ros says", line) for line in lines)
+    yield from in_child("ros", _look_inside, mappings, number, listen, dict(environment))
 
 
 def _look_inside(
@@ -123,7 +158,7 @@ def _look_inside(
         if listen > 0:
             yield from look_at_testbed(mappings, number, listen, environment)
     except MadrobError as error:
-        yield Finding(Severity.WARNING, "ros", str(error))
+        yield Finding(Severity.ERROR, "ros", str(error).removesuffix(SEE_DOCTOR))
 
 
 def look_at_installation(
@@ -185,8 +220,21 @@ def look_at_testbed(
     finally:
         source.close()
         connection.close()
+    silent = any(status.publishers and not counts[status.topic] for status in statuses)
+    users = other_users() if silent else ""
+    start = "start the testbed"
+    if server := environment.get("ROS_DISCOVERY_SERVER"):
+        start += f", or correct ROS_DISCOVERY_SERVER={terminal_safe(server)}"
+    look = "see `other user`" if users else "look at its sensor"
     for status in statuses:
-        yield _topic(status, counts[status.topic] / listen, optional=status.topic not in needed)
+        rate = counts[status.topic] / listen
+        yield _topic(status, rate, start, look, optional=status.topic not in needed)
+    if users:
+        words = (
+            f"{users} runs ROS here, too, and users do not hear each other: set ROS_AUTOMATIC_"
+            "DISCOVERY_RANGE=SUBNET and FASTDDS_BUILTIN_TRANSPORTS=UDPv4 on both sides"
+        )
+        yield Finding(Severity.WARNING, "other user", words)
     yield from proposed
     for remark in decoder.take_remarks():
         topic, _, words = remark.words.partition(": ")
@@ -261,16 +309,31 @@ def _names(joints: Intake, types: MessageTypes) -> list[str]:
     return []
 
 
-def _topic(status: TopicStatus, rate: float, *, optional: bool) -> Finding:
+def other_users(folder: Path = SHARED_MEMORY) -> str:
+    """The other users whose programs hold shared memory of Fast DDS now."""
+    users: set[str] = set()
+    for lock in folder.glob("fastrtps_*_el"):
+        with suppress(FileNotFoundError, KeyError):
+            try:
+                with lock.open() as file:
+                    fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except (BlockingIOError, PermissionError):  # else it is left of a killed program
+                if lock.stat().st_uid != os.geteuid():
+                    users.add(lock.owner())
+    return ", ".join(sorted(users))
+
+
+def _topic(status: TopicStatus, rate: float, start: str, look: str, *, optional: bool) -> Finding:
+    """`start` is the remedy where nobody publishes, `look` where nothing comes."""
     if status.problem is not None:
         return Finding(Severity.WARNING, status.topic, status.problem)
     if status.publishers == 0:
         if optional:
             return Finding(Severity.OK, status.topic, "no publisher (optional)")
-        return Finding(Severity.WARNING, status.topic, "no publisher: start the testbed")
+        return Finding(Severity.WARNING, status.topic, f"no publisher: {start}")
     found = f"{counted(status.publishers, 'publisher')}, {status.type}"
     if rate == 0 and not optional:
-        return Finding(Severity.WARNING, status.topic, f"{found}, but silent: look at its sensor")
+        return Finding(Severity.WARNING, status.topic, f"{found}, but silent: {look}")
     if status.publishers > 1:
         return Finding(Severity.WARNING, status.topic, f"{found}, {rate:.1f} Hz: stop all but one")
     return Finding(Severity.OK, status.topic, f"{found}, {rate:.1f} Hz")

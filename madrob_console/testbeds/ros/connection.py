@@ -26,10 +26,15 @@ REMEDY = (
     "sees the system's packages, or use --testbed simulated"
 )
 
+SEE_DOCTOR = ": look at `madrob doctor`"
+
 SHARED_MEMORY = Path("/dev/shm")
 
 _LEAST_SHARED_MEMORY = 128_000
 """Bytes; with less, loading ROS may kill the program (SIGBUS)."""
+
+_MIDDLEWARES = "share/ament_index/resource_index/rmw_typesupport"
+"""Folder below a prefix with a file for each middleware that is installed there."""
 
 _NEEDED = ("rclpy", "rclpy.executors", "rcl_interfaces.srv", "rosidl_generator_py")
 
@@ -38,6 +43,7 @@ def load_rclpy() -> RosObject:
     _refuse_full(SHARED_MEMORY)
     # The wheels leave it unset; rclpy looks for its plugins there.
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+    _refuse_missing_middleware()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of its dependencies
@@ -60,6 +66,19 @@ def _refuse_full(folder: Path) -> None:
         raise MadrobError(
             f"{folder} is full, and the system ends programs that load ROS then: make room there "
             f"({folder}/fastrtps_* may go while no ROS program runs), or use --testbed simulated"
+        )
+
+
+def _refuse_missing_middleware() -> None:
+    """Raise MadrobError where ROS would end the program: its middleware is not installed."""
+    wanted = os.environ.get("RMW_IMPLEMENTATION")
+    found: set[str] = set()
+    for prefix in (*os.environ["AMENT_PREFIX_PATH"].split(os.pathsep), sys.prefix):
+        found |= {path.name for path in Path(prefix, _MIDDLEWARES).glob("rmw_*_cpp")}
+    if wanted and found and wanted not in found:
+        raise MadrobError(
+            f"RMW_IMPLEMENTATION={wanted}, but only {', '.join(sorted(found))} is installed: "
+            "unset it, or source a ROS that has it"
         )
 
 
@@ -158,9 +177,10 @@ class Connection:
             why = first.removeprefix("failed to initialize rcl: ").partition(", at /")[0]
             given = shlex.join(self._ros_args)
             return MadrobError(f"`{given}`: ROS does not understand that ({why}), correct it")
-        return MadrobError(
-            f"ROS does not start in domain {self._domain} ({first}): look at `madrob doctor`"
-        )
+        remedy = SEE_DOCTOR
+        if os.environ.get("ROS_SECURITY_ENABLE") == "true":
+            remedy = ": ROS_SECURITY_ENABLE=true needs ROS_SECURITY_KEYSTORE, correct or unset it"
+        return MadrobError(f"ROS does not start in domain {self._domain} ({first}){remedy}")
 
 
 def asks_for_sim_time(domain: int, ros_args: Sequence[str]) -> bool:

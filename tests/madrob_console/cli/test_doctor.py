@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import fcntl
 import importlib.metadata
+import json
 import os
+import pwd
 import re
 import subprocess
 import sys
@@ -26,7 +29,7 @@ from madrob_console.cli.doctor import (
     verdict,
 )
 from madrob_console.cli.doctor_evidence import PATIENCE, look_at_evidence
-from madrob_console.cli.doctor_ros import look_at_installation, overheard
+from madrob_console.cli.doctor_ros import look_at_installation, other_users, overheard
 from madrob_console.cli.finding import Finding, Severity, line
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.engine.ipc.engine_sockets import state_folder
@@ -126,9 +129,9 @@ exec "$@"
 
 
 @pytest.mark.machine
-@pytest.mark.parametrize("free", [0, 400_000])
+@pytest.mark.parametrize(("free", "verdict"), [(0, "not usable: "), (400_000, "usable, ")])
 def test_full_shared_memory_is_named_and_the_doctor_gets_to_the_end(
-    ros_domain: int, free: int
+    ros_domain: int, free: int, verdict: str
 ) -> None:
     doctoring = [sys.executable, "-m", "madrob_console.cli.main", "doctor"]
     ended = subprocess.run(
@@ -141,13 +144,78 @@ def test_full_shared_memory_is_named_and_the_doctor_gets_to_the_end(
     if ended.returncode == 77 or "unshare" in ended.stderr:
         pytest.skip("a mount of its own is not allowed here")
     lines = ended.stdout.splitlines()
-    assert lines[-1].startswith("usable, ")
+    assert lines[-1].startswith(verdict)
     assert all(re.match(r"(ok|warning|error) ", text) for text in lines[:-1])
     if free == 0:
         assert any("the system ends programs that load ROS then" in text for text in lines)
     else:
         assert sum(text.startswith("warning  ros says ") for text in lines) in range(1, 6)
     assert ended.stderr == ""
+
+
+CYCLONE = "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, but only rmw_fastrtps_cpp is installed: "
+UNABLE = [
+    ({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}, CYCLONE),
+    ({"RCL_ASSERT_RMW_ID_MATCHES": "rmw_other_cpp"}, "ROS ended the program that tried it"),
+    (
+        {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"},
+        "ROS_SECURITY_ENABLE=true needs ROS_SECURITY_KEYSTORE",
+    ),
+]
+
+
+def madrob(line: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A command in a process of its own, which ROS may end."""
+    return subprocess.run(
+        [sys.executable, "-m", "madrob_console.cli.main", *line.split()],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+@pytest.mark.machine
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize(("environment", "words"), UNABLE)
+def test_ros_that_cannot_start_is_an_error(environment: dict[str, str], words: str) -> None:
+    ended = madrob("doctor --json", **environment)
+    said = json.loads(ended.stdout)
+    errors = [one["text"] for one in said["findings"] if one["severity"] == "error"]
+    assert (ended.returncode, said["passed"], len(errors)) == (BAD_INPUT, False, 1)
+    assert words in errors[0]
+
+
+@pytest.mark.machine
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("line", ["testbed", "run --testbed ros", "engine serve --testbed ros"])
+def test_missing_middleware_is_a_refusal(line: str) -> None:
+    ended = madrob(line, RMW_IMPLEMENTATION="rmw_cyclonedds_cpp")
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (BAD_INPUT, "", 1)
+    assert ended.stderr.startswith(f"madrob: {CYCLONE}")
+
+
+@pytest.mark.machine
+def test_absent_discovery_server_is_named(
+    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DISCOVERY_SERVER", f"127.0.0.1:{11_811 + ros_domain}")
+    door = DEFAULT_MAPPINGS[0]
+    text = examined(tmp_path, 0.1, door)[door.topic].text
+    assert "or correct ROS_DISCOVERY_SERVER=127.0.0.1:" in text
+
+
+def test_other_users_are_those_whose_programs_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "fastrtps_1_el").touch()
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    stale = other_users(tmp_path)
+    with (tmp_path / "fastrtps_1_el").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        running = other_users(tmp_path)
+    assert (stale, running) == ("", pwd.getpwuid(os.getuid()).pw_name)
 
 
 def test_what_libraries_write_past_python_is_caught_once_each(
