@@ -249,6 +249,7 @@ class Assessment:
                 start_uncertainty=0.0 if answered and answered <= self.start + by_hand else by_hand,
                 completed=ending.outcome is Outcome.COMPLETED,
                 procedure=procedure,
+                evidence=self._live.evidence(end),
                 presences=self._live.presences(),
                 events=events,
                 edges=self._deciding(ending, rulings, end),

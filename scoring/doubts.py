@@ -30,6 +30,7 @@ from scoring.protocol import (
 from scoring.quality import QualityCounter
 from scoring.rest import FEWEST_SAMPLES
 from scoring.result import Indicator, Uncertainty, value_text
+from scoring.signals import edges_until
 
 Doubt = tuple[tuple[Name, ...], str]
 
@@ -437,7 +438,13 @@ def _uneven(
 
 
 def _latch(g: Grounds) -> Iterator[Doubt]:
-    """A latch sensor that the door contradicts, or that fell silent."""
+    """A latch sensor that the door contradicts, that spoke too late, or that fell silent."""
+    if g.completed and g.procedure.lock_detection is LockDetection.SETTLE:
+        states = g.evidence.latch[: edges_until(g.evidence.latch, g.rows_end)]
+        if states and not states[-1].value:
+            yield _SETTLED, "the latch said disengaged when the door's rest completed the run"
+        elif states and not g.evidence.latch_before_start:
+            yield _SETTLED, "the latch spoke only after the start: the door's rest was the lock"
     counter, unlocking = g.counters.get(Signal.LATCH), g.procedure.steps[1]
     if g.procedure.lock_detection is not LockDetection.SENSOR or counter is None:
         return

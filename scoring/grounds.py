@@ -11,6 +11,7 @@ import numpy as np
 from scoring.braking import largest_brake
 from scoring.deciding_edges import DecidingEdge
 from scoring.door_angle import DoorAngle, Flags, last_closing, without_spikes
+from scoring.events import Evidence
 from scoring.indicator_table import IndicatorName as Name
 from scoring.indicators import (
     roughness_of_door_actuation,
@@ -38,6 +39,7 @@ class Grounds:
         end: of what is scored.
         start_uncertainty: of a start by hand, s.
         completed: whether the run ended as completed.
+        evidence: of the steps.
         presences: for each used sensor, from when to when something was under it.
         doubted: words that cast doubt on a signal, from the reader of the recording.
         door, joint, force_time, force: over the whole recording.
@@ -53,6 +55,7 @@ class Grounds:
     start_uncertainty: float
     completed: bool
     procedure: Procedure
+    evidence: Evidence
     events: Sequence[Event]
     presences: Mapping[PassageSensor, Sequence[tuple[float, float]]]
     edges: Sequence[DecidingEdge]

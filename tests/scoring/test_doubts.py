@@ -38,7 +38,7 @@ from tests.scoring.clean_run import (
     second_publisher,
     stamped,
 )
-from tests.scoring.runs import CONDITION, START
+from tests.scoring.runs import CONDITION, START, latch
 
 LEVEL, EXECUTION, TOUCH = Name.CAPABILITY_LEVEL, Name.EXECUTION_TIME, Name.TIME_TO_HANDLE
 OCCUPATION, PASSAGE = Name.DOOR_OCCUPATION_TIME, Name.PASSAGE_TIME
@@ -322,6 +322,28 @@ def test_more_than_two_missing_samples_of_the_open_door_in_1000_are_a_doubt(
     doubts = scored(losing(clean(rate=100.0))).indicators[UNSAFETY].doubts
     end = " of the open door are missing"
     assert [doubt.removesuffix(end) for doubt in doubts if doubt.endswith(end)] == words
+
+
+DISENGAGED = "the latch said disengaged when the door's rest completed the run"
+LATE = "the latch spoke only after the start: the door's rest was the lock"
+
+
+@pytest.mark.parametrize(
+    ("states", "doubts"),
+    [
+        ([latch(-1, True), latch(2.4, False), latch(11.6, True)], ()),
+        ([latch(-1, True), latch(2.4, False)], (DISENGAGED,)),
+        ([latch(2.4, False)], (DISENGAGED,)),
+        ([latch(2.4, False), latch(11.6, True)], (LATE,)),
+    ],
+)
+def test_latch_against_a_settled_door_is_doubted(
+    states: list[Sample], doubts: tuple[str, ...]
+) -> None:
+    result = scored([*clean(), *states])
+    doubted = {name for name, one in result.indicators.items() if one.doubts}
+    assert result.indicators[LEVEL].doubts == doubts
+    assert doubted == ({LEVEL, EXECUTION} if doubts else set())
 
 
 def test_where_most_samples_are_lost_the_usual_rate_is_the_testbed_s() -> None:

@@ -82,8 +82,13 @@ class Sensors:
         return tuple(self._newest.values())
 
     def freshness(self, signal: Signal, now: float) -> Freshness:
-        """State of a signal, by its newest reading: a message without a reading does not count."""
+        """State of a signal, by its newest reading: a message without a reading does not count.
+
+        What a latch said stays fresh if it speaks only when it changes.
+        """
         watch = self._of_signal.get(signal)
+        if signal is Signal.LATCH and watch and watch.received and not watch.is_regular:
+            return Freshness.FRESH
         return watch.readings.freshness(now) if watch else Freshness.NEVER
 
     def _fresh(self, signal: Signal, now: float) -> bool:

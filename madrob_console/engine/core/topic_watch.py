@@ -50,6 +50,9 @@ class RecentReadings:
 WINDOW = 2.0
 """Window of faults and rates, s: a fault that happened once is shown this long."""
 
+_REGULAR = 10
+"""A latch with so many messages in `WINDOW` speaks all the time, not only when it changes."""
+
 _LONGEST_WORDS = 120
 """Most characters of a decoder's error."""
 
@@ -67,6 +70,7 @@ class TopicWatch:
             if Signal.of_strip(sensor.strip) is signal
         }
         self.received = 0
+        self.is_regular = False
         self._limits = limits
         self._thresholds = thresholds
         self._unreadable = Health(window=WINDOW)
@@ -84,6 +88,7 @@ class TopicWatch:
         """`now` is s since the epoch."""
         self.received += 1
         self.messages.add(now)
+        self.is_regular = self.is_regular or self.messages.count(now) >= _REGULAR
 
     def receive(self, now: float, sample: Sample | None, error: str | None, angle: float) -> None:
         """Take a message, or why it cannot be read.

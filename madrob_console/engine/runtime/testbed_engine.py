@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from msgspec.structs import replace as with_fields
+
 from madrob_console.archive.folders import next_run_number
 from madrob_console.common.clock import Clock, seconds
 from madrob_console.engine.core.acting import OWN_RUN
@@ -46,6 +48,7 @@ from madrob_console.engine.runtime.replay import Replay, ReplayPerformer
 from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.engine.runtime.supervisor import Worker
 from madrob_console.engine.snapshot import ExportView, Snapshot
+from madrob_console.messages.codec import begins_with_header
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, Situation
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
@@ -53,7 +56,8 @@ from madrob_console.referee.journal import Origin
 from madrob_console.referee.run import Run
 from madrob_console.referee.team_list import NO_TEAMS, TeamList
 from madrob_console.testbeds.source import Source
-from recorder.bag import RawMessage
+from recorder.bag import Durability, RawMessage
+from scoring.protocol import Signal
 
 CLOSING_TIME = 30.0
 """Timeout for a disk that does not answer when the engine ends, s."""
@@ -63,6 +67,9 @@ STEP = 0.02
 
 MOST_ANSWERS = 1000
 """Answers that are kept, so that an act that comes twice is carried out once."""
+
+_BEFORE_OTHERS = 1000
+"""How long before the first message of a recording the kept state of its latch stands, ns."""
 
 OnAnswer = Callable[[str | None], None]
 """Called once with the outcome of a request: why it was refused, in words, or None."""
@@ -145,6 +152,8 @@ class Engine:
         self._evidence = evidence_client or EvidenceClient()
         self._lists: tuple[TeamList, Plan] = NO_TEAMS, NO_PLAN
         self._requests = _Requests()
+        self._records = False
+        self._latch: RawMessage | None = None
         if replay is None:
             self._live = Performer(
                 source, clock, self.config, types, self._disk, self._scorer, self._evidence
@@ -273,13 +282,41 @@ class Engine:
         self._feed(Tick())
 
     def _receive(self, messages: Sequence[RawMessage]) -> None:
+        begins = self._core.records and not self._records
+        self._records = self._core.records
+        if begins and (state := self._kept_state(messages)):
+            messages = [state, *messages]
+        self._note_latch(messages)
         if self._core.records:
             self._live.record_messages(messages)
         recorded = self._core.records or self.replay is not None
         self._backlog.add_messages(messages, recorded=recorded)
 
+    def _kept_state(self, messages: Sequence[RawMessage]) -> RawMessage | None:
+        """The latch's last state before the recording, where its topic keeps it for late joiners.
+
+        One with a stamp is left out: its old stamp would look like a step of the clock.
+        """
+        latch = self._latch
+        if latch is None or begins_with_header(self._types, latch.type):
+            return None
+        lives = any(one.publishers for one in self.source.status() if one.topic == latch.topic)
+        qualities = [topic.qos for topic in self.source.topics() if topic.name == latch.topic]
+        kept = any(qos.durability is Durability.TRANSIENT_LOCAL for qos in qualities)
+        if not (lives and kept):
+            return None
+        at = messages[0].receive_ns if messages else self._clock.now_ns()
+        return with_fields(latch, receive_ns=at - _BEFORE_OTHERS)
+
+    def _note_latch(self, messages: Sequence[RawMessage]) -> None:
+        topics = [each.topic for each in self.config.mappings if each.signal is Signal.LATCH]
+        for message in messages:
+            if message.topic in topics:
+                self._latch = message
+
     def _take_last_messages(self) -> None:
         messages = self.source.take_messages(0.0)  # what is still on its way
+        self._note_latch(messages)
         recorded = not self.current_run.state.over
         if recorded:
             self._live.record_messages(messages)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 from random import Random
@@ -19,6 +20,7 @@ from madrob_console.messages.message_types import Message
 from madrob_console.referee.acts import SetUp, Start, ZeroHandle
 from madrob_console.referee.flags import FlagKind, serious, undecided
 from madrob_console.referee.records import CheckName, FaultKind
+from recorder.bag import Durability, Qos, RawMessage
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Signal
 from tests.madrob_console.engine.drive import TIMEOUT, FaultyDrive, make_setup
@@ -262,3 +264,50 @@ def test_other_name_behind_an_index_doubts_the_signal(hall: FaultyDrive) -> None
     doubted = {name for name, one in result.indicators.items() if changed in one.doubts}
     assert IndicatorName.UNSAFETY_OF_DOOR_OPERATION in doubted
     assert IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION not in doubted
+
+
+LATCH = "/madrob/door/locked"
+
+
+@pytest.fixture
+def changing(tmp_path: Path) -> Iterator[FaultyDrive]:
+    """A hall whose latch speaks only when it changes."""
+    hall = FaultyDrive(tmp_path, latch=True)
+    said: list[bytes] = [b""]
+
+    def on_change(message: RawMessage) -> list[RawMessage]:
+        changed = message.data != said[-1]
+        said.append(message.data)
+        return [message] if changed else []
+
+    hall.source.send(LATCH, on_change)
+    yield hall
+    hall.engine.close()
+
+
+def keep_for_late_joiners(hall: FaultyDrive, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = Qos(durability=Durability.TRANSIENT_LOCAL)
+    topics = tuple(replace(topic, qos=kept) for topic in hall.source.topics())
+    monkeypatch.setattr(hall.source, "topics", lambda: topics)
+
+
+def test_kept_state_of_a_latch_is_recorded(
+    changing: FaultyDrive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep_for_late_joiners(changing, monkeypatch)
+    changing.set_up()
+    changing.begin()
+    result = changing.scored_result()
+    assert len(changing.recorded(LATCH)) == 1 + len(changing.handed(LATCH)) == 3
+    assert (result.lock_detection, changing.engine.run.outcome) == ("sensor", Outcome.COMPLETED)
+    assert result == changing.rescored()
+
+
+def test_state_that_is_not_kept_is_not_recorded(changing: FaultyDrive) -> None:
+    changing.set_up()
+    changing.begin()
+    result = changing.scored_result()
+    assert changing.recorded(LATCH) == changing.handed(LATCH)
+    level = result.indicators[IndicatorName.CAPABILITY_LEVEL]
+    assert any(words.startswith("the latch s") for words in level.doubts)
+    assert result == changing.rescored()

@@ -259,7 +259,7 @@ def test_a_view_shows_fresh_readings_only_and_no_last_good_one() -> None:
     arrivals = [
         *steady(lambda at: door(at, 0.2), 0.0),
         *steady(handle, 0.0),
-        *(latch(at, engaged=True) for at in (-1.0, 0.0)),
+        *steady(lambda at: latch(at, engaged=True), 0.0),
     ]
     fresh, old = sensors(arrivals), NOW + 1.0
     door_view, handle_view = fresh.door_view(NOW), fresh.handle_view(NOW, 4.0, 7.0)
@@ -284,6 +284,11 @@ def test_a_view_shows_fresh_readings_only_and_no_last_good_one() -> None:
     assert fresh.latch_view(NOW + 2.5) == LatchView(engaged=None, freshness=Freshness.LOST)
     assert sensors([]).latch_view(NOW) == LatchView(engaged=None, freshness=Freshness.NEVER)
     assert {sample.signal for sample in fresh.newest()} == {DOOR, HANDLE, LATCH}
+
+
+def test_latch_that_speaks_on_change_stays_fresh() -> None:
+    changes = sensors([latch(-60.0, engaged=True), latch(-30.0, engaged=False)])
+    assert changes.latch_view(NOW) == LatchView(engaged=False, freshness=Freshness.FRESH)
 
 
 def test_what_is_under_a_sensor_is_shown_with_its_height() -> None:
