@@ -894,22 +894,19 @@ def _values_in(table: str, indicator: str) -> dict[str, float]:
     return {row["team"]: float(row["value"]) for row in rows}
 
 
-def tables_of(
-    hall: Hall, name: str, *, jobs: int | None = None, scheduler: str = ""
-) -> dict[str, bytes]:
-    """Score all runs of the rehearsal into tables, and return them by their names.
+def scores_of(hall: Hall, *, jobs: int | None = None, scheduler: str = "") -> str:
+    """Score all runs of the rehearsal again, and return all that is said of them.
 
     Args:
         hall: where.
-        name: of the folder for them.
         jobs: so many processes.
         scheduler: the address of a Dask cluster that does it.
     """
     (results,) = hall._results_folders()
     how = ["--jobs", jobs] if jobs else ["--scheduler", scheduler]
-    done = call(hall, "score", results, "--output", hall.home / name, *how)
+    done = call(hall, "score", "--json", results, *how)
     assert done.code == 0, done.errors
-    return {file.name: file.read_bytes() for file in (hall.home / name).rglob("*.csv")}
+    return done.output
 
 
 def eurobench_files(run: Run) -> list[Path]:
@@ -957,12 +954,6 @@ def address_in(file: Path) -> str:
     with contextlib.suppress(OSError, ValueError):
         return str(json.loads(file.read_text(encoding="utf-8"))["address"])
     return ""
-
-
-def hand_in(hall: Hall) -> Done:
-    """Ask whether the runs of the rehearsal may be handed in."""
-    (results,) = hall._results_folders()
-    return call(hall, "doctor", "--archive", results)
 
 
 def watch_lines(hall: Hall) -> Path:

@@ -41,7 +41,7 @@ def test_rehearsal_is_marked_and_practice_counts_nowhere(hall: Hall) -> None:
 # Seen red: a timeout ended with exit code 0.
 @pytest.mark.parametrize(
     ("scenario", "timeout", "code", "outcome"),
-    [("slam", 60.0, 0, "completed"), ("no-touch", 3.0, 3, "timeout")],
+    [("slam", 60.0, 0, "completed"), ("nominal", 3.0, 3, "timeout")],
 )
 def test_exit_code_says_how_a_run_ended(
     scenario: str, timeout: float, code: int, outcome: str, hall: Hall

@@ -1,4 +1,4 @@
-"""Tables of many runs, and the program of EUROBENCH's runner."""
+"""Scores of many runs, and the program of EUROBENCH's runner."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tests.stories.terminal import wait_until
 
 
 # Seen red: each process was given the first run.
-def test_tables_are_the_same_from_a_pool(hall: Hall) -> None:
-    runs = [hands.make_run(hall, "slam"), hands.make_run(hall, "touch-only", timeout=4.0)]
+def test_scores_are_the_same_from_a_pool(hall: Hall) -> None:
+    runs = [hands.make_run(hall, "slam"), hands.make_run(hall, "nominal", timeout=4.0)]
 
-    alone = hands.tables_of(hall, "alone", jobs=1)
-    pooled = hands.tables_of(hall, "pooled", jobs=2)
+    alone = hands.scores_of(hall, jobs=1)
+    pooled = hands.scores_of(hall, jobs=2)
 
     assert pooled == alone
-    assert all(run.result()["run_id"].encode() in alone["indicators.csv"] for run in runs)
+    assert all(run.folder.name in alone for run in runs)
 
 
 @pytest.fixture
@@ -45,12 +45,12 @@ def scheduler(hall: Hall) -> Iterator[str]:
 
 # Seen red: each worker was given the first run.
 @pytest.mark.machine
-def test_tables_are_the_same_from_a_cluster(hall: Hall, scheduler: str) -> None:
+def test_scores_are_the_same_from_a_cluster(hall: Hall, scheduler: str) -> None:
     hands.make_run(hall, "slam")
-    hands.make_run(hall, "touch-only", timeout=4.0)
+    hands.make_run(hall, "nominal", timeout=4.0)
 
-    alone = hands.tables_of(hall, "alone", jobs=1)
-    spread = hands.tables_of(hall, "spread", scheduler=scheduler)
+    alone = hands.scores_of(hall, jobs=1)
+    spread = hands.scores_of(hall, scheduler=scheduler)
 
     assert spread == alone
 
