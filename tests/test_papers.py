@@ -390,6 +390,24 @@ def test_the_notebook_of_the_guide_gives_the_digits_that_the_console_stored(
     assert Path("figure_1_acceleration.svg").stat().st_size > 1000
 
 
+@pytest.mark.parametrize("number", [2, 7, 12, 17])
+def test_guide_scores_arrays_of_every_condition(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    drive = Drive(Path("runs"), seed=number)
+    drive.whole_run(make_setup(Condition.from_number(number)))
+    drive.engine.close()
+    drive.folder.rename("my_run")
+    parts = section("library", "Score recorded runs"), section("library", "Score your own arrays")
+    told: dict[str, Any] = {}
+
+    exec("\n".join([fenced(parts[0], "python")[0], *fenced(parts[1], "python")]), told)
+
+    assert told["mine"].condition.number == number
+    assert told["mine"].to_frame().equals(told["result"].to_frame())
+
+
 def test_the_interface_of_a_package_is_what_it_names_and_its_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -56,6 +56,7 @@ from madrob_console.referee.run_summary import RunSummary
 from madrob_console.referee.topic_health import SensorLimits
 from madrob_console.testbeds.announcement import SILENT, Announcement
 from madrob_console.testbeds.simulated.encoder import Encoder
+from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import Source, TopicStatus
 from recorder.bag import RawMessage, Topic
 from scoring.indicator_table import IndicatorName
@@ -69,6 +70,7 @@ from scoring.protocol import (
 )
 from scoring.result import Indicator
 from tests.madrob_console.engine.reporting import no_reporting
+from tests.madrob_console.robots import any_testbed
 from tests.madrob_console.ui.prepared import PreparedScorer, a_setup
 
 EPOCH = 1_700_000_000.0
@@ -195,6 +197,8 @@ class HandEngine(LocalEngine):
         follower: what is found after it.
     """
 
+    LIMITS = SensorLimits(rate=RATE)
+
     def __init__(self, competition: str = "Autumn Cup", **values: Any) -> None:  # noqa: ANN401
         self.folder = Path(mkdtemp(prefix="madrob_ui_"))
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
@@ -204,12 +208,13 @@ class HandEngine(LocalEngine):
             self.folder,
             tuple(_SIGNALS),
             disk_needed=0,
-            limits=SensorLimits(rate=RATE),
+            limits=self.LIMITS,
             competition=competition,
             lossless=True,
             random=Random(0).randbytes,
         )
-        self._engine = Engine(self.source, self.clock, config, types, scorer=self.scorer)
+        testbed = self._testbed(types)
+        self._engine = Engine(testbed, self.clock, config, types, scorer=self.scorer)
         self._engine.open()
         self._engine.step(0.0)
         self._fallen = lambda: None
@@ -233,6 +238,9 @@ class HandEngine(LocalEngine):
         self._look()
         self._last = self._snapshot
         self.put(**values)
+
+    def _testbed(self, _types: MessageTypes) -> Source:
+        return self.source
 
     @property
     def now(self) -> float:
@@ -484,6 +492,15 @@ class MovingEngine(HandEngine):
                 self.act(AddNote(f"event number {self._notes}"))
         self.tick(EPOCH + elapsed - self.now)
         return super().snapshot()
+
+
+class SimulatedEngine(HandEngine):
+    """The same on the simulated testbed, whose robot goes through the door by itself."""
+
+    LIMITS = SensorLimits()
+
+    def _testbed(self, types: MessageTypes) -> Source:
+        return SimulatedSource(any_testbed(), self.clock, types, _SIGNALS)
 
 
 def start(engine: HandEngine, duration: float, **setup: Any) -> HandEngine:  # noqa: ANN401

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePath
 from typing import ClassVar
+from xml.etree import ElementTree as ET
 
 import pyte
 import pytest
@@ -57,11 +58,13 @@ from tests.madrob_console.ui.driver import (
     play,
     sets,
 )
-from tests.madrob_console.ui.inline_engine import HandEngine
+from tests.madrob_console.ui.inline_engine import HandEngine, SimulatedEngine
 from tests.madrob_console.ui.test_results import DOUBTED, OVER, TEXT
 
 RENDER_UPDATE = Compositor.render_update
 STORED = Path(__file__).parent / "screens"
+PICTURE = Path(__file__).parents[3] / ".readme" / "live.svg"
+SVG = "{http://www.w3.org/2000/svg}"
 
 
 TEAMS, CONDITIONS = range(1, 13), range(1, 21)
@@ -183,6 +186,29 @@ async def test_the_screens_are_as_they_were_looked_at(
             if name and request.config.getoption("--update-screens"):
                 path.write_text(driver.text + "\n")
             assert not name or driver.text + "\n" == path.read_text(), path.name
+
+
+async def test_picture_of_the_readme_shows_a_real_run(
+    monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    monkeypatch.setattr(Compositor, "render_update", RENDER_UPDATE)
+    async with driving(SimulatedEngine(), LARGE) as driver:
+        await driver.press("f2", "enter")
+        await driver.let_pass(2.0)
+        await driver.press("f7", "f6", "f5")
+        for _ in range(17):
+            await driver.let_pass(1.0)
+        picture = driver.app.export_screenshot(title="madrob console")
+    if request.config.getoption("--update-screens"):
+        PICTURE.write_text(picture)
+
+    assert words_of(picture) == words_of(PICTURE.read_text())
+
+
+def words_of(picture: str) -> list[str]:
+    """The texts of an SVG, in their order."""
+    texts = (element.text or "" for element in ET.fromstring(picture).iter(f"{SVG}text"))
+    return [words for text in texts if (words := text.strip())]
 
 
 @pytest.mark.parametrize("known", [True, False])
