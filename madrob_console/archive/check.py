@@ -13,14 +13,16 @@ from typing import Any
 
 import msgspec
 
-from madrob_console.archive.file_digests import lists_evidence
+from madrob_console.archive.file_digests import digests_of_torn
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.result_files import document_of
 from madrob_console.archive.result_reader import UnusableResultError, read_whole_result
+from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import Scored, lines_lost, score_recording
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.formatting import utc_text
+from madrob_console.common.formatting import counted, utc_text
+from madrob_console.referee.rebuild import Change
 from recorder.bag import METADATA_FILE
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import NAMES, Libraries, libraries_here
@@ -187,10 +189,25 @@ def check_run(run: RunPath) -> CheckedRun:
         )
     if not (folder / RESULT_FILE).is_file():  # attached to a bag alone
         stored.pop("files", None)
-    checked = compare(stored, score_recording(folder)[0], folder)
-    return dataclasses.replace(
-        checked, differences=(*_journal_differences(folder), *checked.differences)
-    )
+    scored = score_recording(folder)[0]
+    checked = compare(stored, scored, folder)
+    lost_lines = tuple(_journal_differences(folder))
+    lacks = scored.run.unrecorded
+    if lacks and not lost_lines and checked.grade is Grade.DIFFERS:
+        words = f"cannot be checked: lacks {counted(lacks, 'message')}"
+        raise MadrobError(f"{folder}: {words}; its result stays as it was issued")
+    return dataclasses.replace(checked, differences=(*lost_lines, *checked.differences))
+
+
+def is_withdrawn(folder: Path) -> bool:
+    """Whether the engine withdrew the start of a run: there is nothing to check."""
+    if (folder / RESULT_FILE).exists():
+        return False
+    try:
+        journal = read_run_journal(folder)
+    except (OSError, UnusableJournalError):
+        return False
+    return bool(journal.never_ran) and journal.entries[-1].what == Change.WITHDRAWN
 
 
 def compare(stored: dict[str, Any], scored: Scored, folder: Path) -> CheckedRun:
@@ -213,6 +230,9 @@ def _compare(
 ) -> Iterator[Difference]:
     files, stored_files = recomputed.pop("files"), stored.pop("files", None)
     remarks = recomputed["quality"].pop("remarks")
+    if _has_recording(stored_files, files, folder):
+        # The bag was torn or unfinished before the result was written.
+        remarks = [remark for remark in remarks if not remark.startswith(str(folder))]
     compared = {key: value for key, value in recomputed.items() if key not in _NOT_COMPARED}
     yield from differences_between("", stored, compared)
     yield from _remark_differences(_remarks(stored), remarks)
@@ -261,6 +281,22 @@ def _without_place(remark: str) -> str:
     return remark.rpartition("/")[2]
 
 
+def _has_recording(stored: object, digests: Mapping[str, Any], folder: Path) -> bool:
+    """Whether the recording is the one of the result, or `recover` has made it of that one."""
+    if not isinstance(stored, dict):
+        return False
+    names = [name for name in stored if name.endswith(".mcap")]
+    changed = [name for name in names if not _is_same(name, stored[name], digests, folder)]
+    return bool(names) and not changed
+
+
+def _is_same(name: str, stored: object, digests: Mapping[str, Any], folder: Path) -> bool:
+    if stored == digests.get(name):
+        return True
+    torn = digests_of_torn(folder / Path(name).name)
+    return name in digests and isinstance(stored, dict) and stored.get("sha256") in torn
+
+
 def _file_differences(
     stored: object, digests: Mapping[str, Any], folder: Path
 ) -> Iterator[Difference]:
@@ -270,8 +306,8 @@ def _file_differences(
         yield Difference("files", stored, "files with their digests")
         return
     for name, digest in stored.items():
-        if name == METADATA_FILE and lists_evidence(folder):
-            continue
+        if name == METADATA_FILE or _is_same(name, digest, digests, folder):
+            continue  # `recover` writes these anew, of what is in the recording
         if name in digests:
             yield from differences_between(f"files.{name}", digest, digests[name])
         else:

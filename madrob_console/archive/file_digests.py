@@ -6,6 +6,7 @@ import errno
 import hashlib
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,6 +54,16 @@ def digests_of(
         except OSError as error:
             left_out.append(f"{name}: cannot be read ({refusal(error)})")
     return digests, tuple(left_out)
+
+
+def digests_of_torn(recording: Path) -> set[str]:
+    """The checksums of the torn files that `recover` has kept beside a recording."""
+    digests = set()
+    for name in _names(recording.parent):
+        if name.startswith(f"{recording.name}.torn"):
+            with suppress(OSError):
+                digests.add(_digest(recording.parent / name).sha256)
+    return digests
 
 
 def lists_evidence(folder: Path) -> bool:

@@ -33,6 +33,7 @@ DIFFERENCES = 1
 """Exit code of `--check` if a result is not what its recording gives."""
 
 _ALL = "all"
+_WITHDRAWN = "withdrawn, no run"
 
 
 class RunText(NamedTuple):
@@ -192,8 +193,9 @@ def _describe(
         only = f" ({held} only in doubts: the values hold)" if held else ""
         words_of_grade = {Grade.DIFFERS: f"differ{only}"}
         counts = (f"{grades[grade]} {words_of_grade.get(grade, grade)}" for grade in Grade)
+        none = f", {grades[None]} {_WITHDRAWN}" if grades[None] else ""
         more = f"; of {unsure} the uncertainties differ" if unsure else ""
-        print(f"{', '.join(counts)}, {bad.count} could not be checked{more}")
+        print(f"{', '.join(counts)}, {bad.count} could not be checked{none}{more}")
     if grades[Grade.DIFFERS]:
         return DIFFERENCES
     return BAD_INPUT if bad.count else 0
@@ -306,8 +308,11 @@ def _content(result: Evaluation) -> dict[str, Any]:
 
 
 def _checked(run: RunPath, *, as_json: bool) -> RunText:
-    from madrob_console.archive.check import check_run
+    from madrob_console.archive.check import check_run, is_withdrawn
 
+    if is_withdrawn(run.path):
+        text = _json(run, {"grade": _WITHDRAWN}) if as_json else f"{run.name}: {_WITHDRAWN}"
+        return RunText(text if as_json else terminal_safe(text))
     checked = check_run(run)
     if as_json:
         text = _json(run, checked.content())

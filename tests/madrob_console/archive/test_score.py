@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -37,6 +38,7 @@ from madrob_console.referee.run import Phase
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import Bag
+from recorder.recovery import recover
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import libraries_here
 from scoring.protocol import Condition, EventName, Step
@@ -559,6 +561,19 @@ def _torn_and_known(run: Path) -> None:
     run.with_name("moved").rename(run)
 
 
+def _torn_before_its_result(run: Path) -> None:
+    bag = next(run.glob("*.mcap"))
+    os.truncate(bag, bag.stat().st_size - 200)
+    content = bag.read_bytes()
+    digest = {"sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)}
+    change(run, lambda d: d["files"].update({bag.name: digest}))
+
+
+def _recovered(run: Path) -> None:
+    _torn_before_its_result(run)
+    assert recover(run).torn is not None
+
+
 def put_text(path: Path, old: str, new: str) -> None:
     """Other words in a file, or behind what it holds."""
     text = path.read_text()
@@ -567,9 +582,9 @@ def put_text(path: Path, old: str, new: str) -> None:
 
 FILES: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     "changed and gone": (_files, ["files.condition_1.yaml", "files.{run}_event.csv.sha256"]),
-    "metadata": (
+    "metadata, which `recover` makes of the recording": (
         lambda run: put_text(run / "metadata.yaml", "", "# changed\n"),
-        ["files.metadata.yaml.sha256", "files.metadata.yaml.bytes"],
+        [],
     ),
     "of a version that kept no digests": (_without_digests, []),
     "remarks that only the engine could make": (
@@ -578,6 +593,8 @@ FILES: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     ),
     "a torn recording": (_torn, ["quality.remarks"]),
     "a torn recording that the result knows": (_torn_and_known, []),
+    "a recording that was torn before its result": (_torn_before_its_result, []),
+    "what `recover` made of that": (_recovered, []),
 }
 
 

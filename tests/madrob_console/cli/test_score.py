@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_paths import runs_at
 from madrob_console.archive.run_record import RECORD_NAME
 from madrob_console.archive.scored import score_run
@@ -22,6 +23,8 @@ from madrob_console.cli.output import MOST_ALIKE
 from madrob_console.cli.result_lines import comparison_lines, result_lines
 from madrob_console.cli.score_command import describe_run
 from madrob_console.referee.acts import Rule
+from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.rebuild import Change
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Step
@@ -129,6 +132,31 @@ def test_a_bad_run_is_named_and_the_rest_is_scored(results: Path, madrob: Madrob
     assert (said.code, said.out.count("outcome: ")) == (2, 2)
     for line, named in zip(said.err.splitlines(), (torn, empty), strict=True):
         assert str(named) in line
+
+
+def test_check_names_a_withdrawn_start(tmp_path: Path, madrob: Madrob) -> None:
+    folder = tmp_path / completed().name
+    folder.mkdir()
+    before = (completed() / JOURNAL_FILE).read_text().partition('"what": "countdown begins"')[0]
+    line = Entry(3.0, Origin.SYSTEM, "withdrawn", reason="the disk hung", details={"act": "start"})
+    journal = f"{before[: before.rindex(chr(10))]}\n{line.to_json()}\n"
+    (folder / JOURNAL_FILE).write_text(journal)
+
+    text = madrob("score --check", folder)
+
+    assert text == f"{folder}: withdrawn, no run\n"
+    assert madrob.document("score --check", folder)["runs"][0]["grade"] == "withdrawn, no run"
+
+
+def test_check_says_how_many_messages_a_recording_lacks(tmp_path: Path, madrob: Madrob) -> None:
+    folder = copy_run(tmp_path, 1, Scenario.NOMINAL)
+    line = Entry(3.0, Origin.SYSTEM, Change.UNRECORDED, details={"messages": 3})
+    with (folder / JOURNAL_FILE).open("a") as journal:
+        journal.write(f"{line.to_json()}\n")
+
+    words = madrob.refusal("score --check", folder)
+
+    assert f"{folder}: cannot be checked: lacks 3 messages; its result stays" in words
 
 
 @pytest.mark.machine
