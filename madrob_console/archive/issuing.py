@@ -19,6 +19,7 @@ from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import atomic_write, atomic_writes
 from madrob_console.common.plain_files import OpenFolder, naming_folder, read_all, refusal
+from madrob_console.common.stored_json import decode
 from madrob_console.referee.journal import Entry, Journal, Origin, refusal_words
 from madrob_console.referee.rebuild import Change, marks_of
 from madrob_console.referee.records import JournalMark
@@ -193,7 +194,7 @@ def _check(
     in_console: bool,
 ) -> None:
     """Refuse a result that may not take the place of the stored one; `noted` by the journal."""
-    new, old = msgspec.json.decode(result, type=_Sources), _sources_of(stored)
+    new, old = decode(result, _Sources), _sources_of(stored)
     lost = MadrobError(
         f"{folder}: {JOURNAL_FILE} lacks lines that {RESULT_FILE} was made of: put a copy of it "
         f"back, or rename {RESULT_FILE} and decide in the console"
@@ -233,6 +234,6 @@ def _check(
 def _sources_of(stored: bytes) -> _Sources | None:
     """None where the stored result is damaged."""
     try:
-        return msgspec.json.decode(stored, type=_Sources)
-    except (msgspec.MsgspecError, UnicodeDecodeError):
+        return decode(stored, _Sources)
+    except MadrobError:
         return None

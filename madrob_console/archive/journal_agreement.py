@@ -12,7 +12,9 @@ import msgspec
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_journal import read_run_journal
+from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import read_all
+from madrob_console.common.stored_json import decode
 from madrob_console.referee.journal import LARGEST_JOURNAL, Entry, read_journal
 from madrob_console.referee.rebuild import Change, mark_of, marks_of
 from madrob_console.referee.records import JournalMark
@@ -30,7 +32,7 @@ class _Marked(msgspec.Struct):
 
 def written_details(result: bytes | memoryview) -> Details:
     """What the journal's line `result written` says of a `result.json`."""
-    said = msgspec.json.decode(result, type=_Marked)
+    said = decode(result, _Marked)
     lines = 0 if said.journal is None else said.journal.lines
     return {"issue": said.issue, "lines": lines, _DIGEST: hashlib.sha256(result).hexdigest()}
 
@@ -61,8 +63,8 @@ def was_changed(data: bytes, folder: Path) -> bool:
     if not noted or _DIGEST not in noted[-1]:
         return False
     try:
-        mark = msgspec.json.decode(data, type=_Marked).journal
-    except msgspec.MsgspecError:
+        mark = decode(data, _Marked).journal
+    except MadrobError:
         return True
     return mark != mark_of(entries) or noted[-1].get("lines") == mark.lines
 

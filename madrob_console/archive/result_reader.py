@@ -17,6 +17,7 @@ from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_journal import recorded_competition
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import open_plain, read_bounded, refusal
+from madrob_console.common.stored_json import decode
 from madrob_console.referee.records import Reissuing
 from madrob_console.referee.run_setup import StoredRuleset
 from madrob_console.referee.run_summary import Name, StartTime
@@ -30,7 +31,7 @@ _Item = TypeVar("_Item")
 
 _AGAIN = "`madrob recover` makes it again"
 
-_DAMAGED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, ScoringError, MadrobError)
+_DAMAGED = (ScoringError, MadrobError)
 
 Number = Annotated[int, Meta(ge=1, le=LARGEST_NUMBER)]
 
@@ -77,12 +78,6 @@ class _Bounds(msgspec.Struct):
     libraries: Libraries | None = None
 
 
-_formats = msgspec.json.Decoder(_Format)
-_anything: msgspec.json.Decoder[Any] = msgspec.json.Decoder()
-_bounds = msgspec.json.Decoder(_Bounds)
-_documents = msgspec.json.Decoder(ResultDocument)
-
-
 class UnusableResultError(MadrobError):
     """A `result.json` that cannot be used."""
 
@@ -111,8 +106,8 @@ def lacks_line(folder: str) -> bool:
 
 def _document(data: bytes, folder: str) -> ResultDocument:
     try:
-        _decoded(_bounds, data)
-        return _decoded(_documents, data)
+        _decoded(data, _Bounds)
+        return _decoded(data, ResultDocument)
     except DamagedResultError:
         if not is_noted(data, Path(folder)):
             raise
@@ -128,16 +123,15 @@ def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ResultD
     for number in {reissue.issue - 1 for reissue in reissues}:
         with suppress(OSError, *_DAMAGED):
             data, _ = read_bounded(str(folder / ISSUE_FILE.format(number)), LARGEST_RESULT)
-            issues.append(_documents.decode(data))
+            issues.append(decode(data, ResultDocument))
     return tuple(issues)
 
 
 def read_whole_result(folder: str, *, attached: bool = False) -> dict[str, Any]:
     """All of a result as JSON values, which need not be a document's; raises likewise."""
     data = _read_or_attached(folder) if attached else _read(folder)
-    _decoded(_bounds, data)
-    whole: dict[str, Any] = _decoded(_anything, data)
-    return whole
+    _decoded(data, _Bounds)
+    return _decoded(data, dict[str, Any])
 
 
 def read_sound_result(folder: str) -> ResultDocument | None:
@@ -162,7 +156,7 @@ def _read(folder: str) -> bytes:
     if stamp.size > LARGEST_RESULT:
         size = f"{stamp.size / 1e6:.0f} MB"
         raise DamagedResultError(f"{RESULT_FILE} has {size}, too much for a result: {_AGAIN}")
-    version = _decoded(_formats, data).format
+    version = _decoded(data, _Format).format
     if version > RESULT_FORMAT:
         raise UnusableResultError(
             f"{RESULT_FILE} has format {version}, this program knows {RESULT_FORMAT}: use a "
@@ -192,12 +186,11 @@ def _attached(recording: Path) -> bytes | None:
     return None
 
 
-def _decoded(decoder: msgspec.json.Decoder[_Item], data: bytes) -> _Item:
+def _decoded(data: bytes, kind: type[_Item]) -> _Item:
     try:
-        return decoder.decode(data)
+        return decode(data, kind)
     except _DAMAGED as error:
-        why = str(error)[:120]
-        raise DamagedResultError(f"{RESULT_FILE} is damaged ({why}): {_AGAIN}") from None
+        raise DamagedResultError(f"{RESULT_FILE} is damaged ({error}): {_AGAIN}") from None
 
 
 def competition_of(folder: Path) -> str | None:

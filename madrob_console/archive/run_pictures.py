@@ -22,6 +22,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import atomic_writes, replaced_folder
 from madrob_console.common.names import terminal_safe
 from madrob_console.common.plain_files import read_all
+from madrob_console.common.stored_json import decode
 from madrob_console.messages.codec import TopicMapping
 from recorder.errors import RecorderError
 
@@ -141,10 +142,8 @@ def stored_pictures(folder: Path) -> RunPictures:
     """The pictures made before; none where they cannot be read."""
     place = folder / PICTURES_FOLDER
     try:
-        index = msgspec.json.decode(
-            read_all(place / PICTURES_INDEX, _LARGEST_INDEX), type=PictureIndex, strict=True
-        )
-    except (OSError, msgspec.MsgspecError, UnicodeError, RecursionError):
+        index = decode(read_all(place / PICTURES_INDEX, _LARGEST_INDEX), PictureIndex)
+    except (OSError, MadrobError):
         return NO_PICTURES
     files = {}
     for entry in index.pictures[:MOST_PICTURES]:

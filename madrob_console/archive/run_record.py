@@ -16,6 +16,7 @@ import msgspec
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, is_rehearsal
+from madrob_console.common.stored_json import decode
 from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.flags import RECORD_LOST
 from madrob_console.referee.journal import Entry
@@ -93,10 +94,10 @@ class RunRecord:
     @classmethod
     def from_metadata(cls, metadata: dict[str, str]) -> RunRecord:
         try:
-            return msgspec.json.decode(metadata[_KEY], type=cls)
+            return decode(metadata[_KEY], cls)
         except KeyError:
             raise MadrobError(f"metadata record {RECORD_NAME} has no '{_KEY}'") from None
-        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        except MadrobError as error:
             words = f"metadata record {RECORD_NAME} is damaged: {error}"
             raise MadrobError(f"{words}: use the madrob-console that recorded it") from None
 

@@ -14,12 +14,11 @@ from lzma import LZMAError
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import msgspec
-
 from madrob_console.archive.scored import score_recording
 from madrob_console.cli.finding import Finding, Severity
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import read_all
+from madrob_console.common.stored_json import decode
 from madrob_console.common.version import DISTRIBUTION
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import libraries_here
@@ -119,8 +118,8 @@ def read_references(folder: Path) -> tuple[Reference, ...]:
     """The references of a folder, in order."""
     path = folder / EXPECTED_FILE
     try:
-        references = msgspec.json.decode(read_all(path, _LARGEST), type=tuple[Reference, ...])
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
+        references = decode(read_all(path, _LARGEST), tuple[Reference, ...])
+    except (OSError, MadrobError) as error:
         raise _damaged(path, f"cannot be read ({error})") from None
     if not references:
         raise _damaged(path, "names no recording")

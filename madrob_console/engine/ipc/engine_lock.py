@@ -21,6 +21,7 @@ import msgspec
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.plain_files import checked_plain, read_all
+from madrob_console.common.stored_json import decode
 
 LOCK_FILE = ".madrob_engine.lock"
 """In a results folder: locked while an engine records to it."""
@@ -96,8 +97,8 @@ def this_user() -> str:
 
 
 def holder_in(path: Path) -> Holder:
-    with suppress(OSError, msgspec.MsgspecError):
-        return msgspec.json.decode(read_all(path, _LARGEST_NOTE), type=Holder)
+    with suppress(OSError, MadrobError):
+        return decode(read_all(path, _LARGEST_NOTE), Holder)
     return Holder()
 
 

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 from textual.await_complete import AwaitComplete
 from textual.command import CommandPalette, Hit, Hits, Provider
 from textual.content import Content
+from textual.css.query import NoMatches
+from textual.errors import NoWidget
+from textual.message import Message
+from textual.worker import Worker
 
 from madrob_console.ui.keys.console_app import ConsoleApp
 from madrob_console.ui.keys.key_table import CALLED, KEYS
@@ -19,13 +24,22 @@ _TEXT = 22
 
 
 class ConsolePalette(CommandPalette):
-    """Textual's, but only the first click beside it closes a screen.
+    """Textual's, but it ends no console.
 
-    For each further click that is queued Textual closes the topmost screen, the console's too.
+    For each click beside it that is queued Textual closes the topmost screen, the console's too.
+    While it opens, closes or is resized, its list or what is under the mouse may be missing.
     """
 
     def dismiss(self, result: None = None) -> AwaitComplete:
         return super().dismiss(result) if self.is_active else AwaitComplete()
+
+    def run_worker(self, *search: Any, **options: Any) -> Worker[Any]:  # noqa: ANN401
+        """As Textual's; a search whose list is missing fails alone."""
+        return super().run_worker(*search, **options | {"exit_on_error": False})
+
+    async def _dispatch_message(self, message: Message) -> None:
+        with suppress(NoMatches, NoWidget):
+            await super()._dispatch_message(message)
 
 
 class ConsoleCommands(Provider):

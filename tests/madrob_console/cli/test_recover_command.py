@@ -218,3 +218,28 @@ def test_a_run_that_refuses_is_named_and_the_rest_goes(root: Path, madrob: Madro
     assert (said.code, said.err.count("\n"), files(root)) == (2, 1, 3)
     assert "`madrob recover` repairs it" in said.err
     assert "of evidence of 1 of 2 runs; " in said.out
+
+
+@pytest.fixture
+def nested(tmp_path: Path) -> Path:
+    """A practice run whose result hides 100,000 brackets."""
+    run = shutil.copytree(completed(), tmp_path / "results" / "practice" / completed().name)
+    result = run / RESULT_FILE
+    deep = "[" * 100_000 + "]" * 100_000
+    result.write_text(result.read_text().rstrip()[:-1] + f', "more": {deep}' + "}")
+    return run
+
+
+def test_deeply_nested_result_is_made_again(nested: Path, madrob: Madrob) -> None:
+    text = madrob("recover", nested)
+
+    assert text.endswith("; its result was made again from journal and recording\n")
+    assert (nested / RESULT_FILE).read_bytes() == (completed() / RESULT_FILE).read_bytes()
+
+
+@pytest.mark.parametrize("line", ["score --check", "table runs", "standings --practice --results"])
+def test_deeply_nested_result_is_one_line(line: str, nested: Path, madrob: Madrob) -> None:
+    said = madrob.say(line, nested.parents[1])
+
+    (words,) = said.err.splitlines()
+    assert "result.json is damaged (nested without bounds): `madrob recover` makes it" in words

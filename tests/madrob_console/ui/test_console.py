@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 from textual import events
+from textual.command import CommandList
+from textual.widgets import Input
 
 from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.common.errors import MadrobError
@@ -141,6 +143,24 @@ async def test_however_often_one_clicks_beside_the_palette_only_it_is_closed(
     assert driver.app.screen is driver.console
     await driver.press("f8")
     assert driver.console.dialogs or "Refused" in driver.console.status
+
+
+async def test_click_beside_a_shrunken_palette_ends_nothing(driver: Driver) -> None:
+    await driver.press("ctrl+p")
+    palette = driver.app.screen
+    await driver.resize(2, 2)
+    palette.post_message(events.Click(palette, 58, 14, 0, 0, 1, False, False, False, 58, 14))
+    await driver.settle()
+    assert driver.app.is_running
+
+
+async def test_search_without_a_list_ends_nothing(driver: Driver) -> None:
+    await driver.press("ctrl+p")
+    palette = driver.app.screen
+    await palette.query_one(CommandList).remove()
+    palette.query_one(Input).value = "abort"
+    await driver.pilot.pause()
+    assert driver.app.is_running
 
 
 @pytest.mark.parametrize("bell", [True, False])
