@@ -539,7 +539,7 @@ class ConsoleScreen(Screen[None]):
             return ""
         who = who_text(self._latest.run)
         attempt = self.panes.setup.attempt if name == "abort" else ""
-        return f"{attempt} of {who}" if attempt else who
+        return f"{who}, {attempt}" if attempt else who
 
     def close(self, dialog: Dialog) -> None:
         """Closes a dialog, and what was opened over it."""

@@ -416,6 +416,24 @@ STORIES: Stories = {
             lambda d: isinstance(act := d.engine.acts[-1], Correct) and act.subject == 3,
         ),
     ],
+    "a key right after Escape goes to the pane": [
+        (Driver.run,),
+        ("enter escape 4", "Step 4: cross the threshold", no("left out")),
+        ("d", Rule(Step.CROSS, confirmed=False, reason=NO_REASON)),
+        ("i escape h", pane("history")),
+    ],
+    "n is no in every question": [
+        (Driver.run,),
+        (Driver.finish,),
+        ("enter v n", lambda d: d.engine.run.voided is None, no_question),
+        ("enter v enter", lambda d: d.engine.run.voided is None, no_question),
+        ("enter c n", no_question),
+        ("1 n", no_question),
+    ],
+    "a wrong team that is seen in a run is corrected after it": [
+        (Driver.run,),
+        ("enter", "Not now: c correct: let the run end, then correct it"),
+    ],
     "the menu takes the keys that its first line names": [
         (Driver.run,),
         ("enter", "1-6 confirm or deny a step; i mark an incident", no("z take back")),

@@ -361,6 +361,13 @@ PLANNED: Stories = {
         ]
         for name, lines in (("without a plan", NO_PLAN), ("with one", plan((1, 1, 1), (2, 2, 1))))
     },
+    "the abort question says which attempt it uses up": [
+        *FIRST,
+        ("f6 f5",),
+        (passes(6.0),),
+        ("f8", "run 1 of subject 1 Walkers, attempt 1 of 2"),
+        ("", "It uses up the attempt, but for 'testbed fault'.", "Wrong team? Let the run end"),
+    ],
     "at the end of the plan nothing is proposed": [
         (on_engine(plan=plan((1, 1, 1))),),
         *FIRST,
