@@ -93,9 +93,6 @@ def console_commands() -> type[Provider]:
     return ConsoleCommands
 
 
-REPLAY_BEGINS = "A replay: F10 goes back, F8 aborts a run of the testbed, F1 lists the keys."
-
-
 class MadrobApp(App[None], inherit_bindings=False):
     """The referee's screens. They hold no rule: the engine says what is possible and why not.
 
@@ -389,7 +386,7 @@ class MadrobApp(App[None], inherit_bindings=False):
             except MadrobError as error:
                 self.call_later(self._console.refuse, "replay", str(error))
             else:
-                self.call_later(self._console.change_engine, REPLAY_BEGINS)
+                self.call_later(self._console.enter_replay)
 
         self.run_worker(connect, thread=True, group="engine", exclusive=True)
 
@@ -439,7 +436,7 @@ class MadrobApp(App[None], inherit_bindings=False):
     async def _do(self, intent: Intent, name: str, what: str) -> None:
         match intent:
             case Leave() if self._link.leave_replay():
-                self._console.change_engine("The replay is over: this is the testbed again.")
+                self._console.leave_replay()
             case Leave():
                 self.exit()
             case OtherName():

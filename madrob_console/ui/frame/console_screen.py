@@ -98,6 +98,8 @@ _WRITTEN = "The result is written. Enter: what next. x: next run."
 _WRITTEN_FOR_WATCHERS = "The result is written."
 _NOT_ON_DISK = "The result is NOT ON DISK yet: the engine has it and goes on trying."
 _AT_THE_END = "The recording is at its end: < goes back, j jumps to a time."
+_REPLAY_BEGINS = "A replay: F10 goes back, F8 aborts a run of the testbed, F1 lists the keys."
+_REPLAY_ENDS = "The replay is over: this is the testbed again."
 _OPEN_FIRST = "o opens it: then Enter signs, corrects, voids it or files a protest."
 
 
@@ -151,7 +153,7 @@ class ConsoleScreen(Screen[None]):
         self._asked_held: float | None = None
         self._was_active = False
         self._was_written = False
-        self._behind = "setup"
+        self._behind = self._before_replay = "setup"
         self.pane = "setup"
         self.dialogs: list[Dialog] = []
         self.drafts = Drafts()
@@ -320,11 +322,19 @@ class ConsoleScreen(Screen[None]):
             period = BUSY_PERIOD if snapshot.run.active else IDLE_PERIOD
             self._timer = self.set_interval(period, self.poll)
 
-    def change_engine(self, words: str) -> None:
+    def enter_replay(self) -> None:
+        self._before_replay = self.pane
+        self._change_engine("live", _REPLAY_BEGINS)
+
+    def leave_replay(self) -> None:
+        self._change_engine(self._before_replay, _REPLAY_ENDS)
+
+    def _change_engine(self, pane: str, words: str) -> None:
         """Shows another engine: nothing that differs has happened."""
         self._latest = None
-        self.show_pane("live")
         self.poll()
+        if self.pane != pane:
+            self.show_pane(pane)
         self.say(words, Tone.GOOD)
 
     def _tell_live_run(self) -> None:
