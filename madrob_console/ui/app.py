@@ -16,6 +16,7 @@ from textual import events
 from textual.app import App
 from textual.binding import BindingType
 from textual.filter import LineFilter
+from textual.message import Message
 from textual.screen import Screen, SystemModalScreen
 from textual.widget import MountError
 
@@ -135,6 +136,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         self._link = EngineLink(open_client, monotonic)
         self._ahead = ahead or TypeAhead()
         self._open_replay = open_replay
+        self._waiting_f8: Message | None = None
         self._console = ConsoleScreen(self._link, defaults, self._ahead, wall)
         self._awaited = PendingRequests(
             self._link, self._console, partial(self.run_worker, group="keys")
@@ -201,9 +203,21 @@ class MadrobApp(App[None], inherit_bindings=False):
         replays = snapshot is not None and snapshot.playback is not None
         return replays or key not in PLAYBACK_KEYS
 
+    def post_message(self, message: Message) -> bool:
+        """As Textual's; F8 throws away what was typed before it and still waits."""
+        posted = super().post_message(message)
+        pressed = isinstance(message, events.Key) and message.key == KEYS["abort"].keys
+        if posted and pressed and self._waiting_f8 is None and not self._console.asks_abort:
+            self._waiting_f8 = message
+        return posted
+
     async def on_event(self, event: events.Event) -> None:
         """Drops what was typed or clicked for something that is no longer shown."""
         typed = isinstance(event, events.InputEvent | events.Paste)
+        if event is self._waiting_f8:
+            self._waiting_f8 = None
+        elif typed and self._waiting_f8 is not None and not event.is_forwarded:
+            return
         if typed and self.return_code is not None:
             return  # it is leaving: nothing can be opened any more
         if not typed or event.is_forwarded:
@@ -234,6 +248,8 @@ class MadrobApp(App[None], inherit_bindings=False):
             return False
         if not isinstance(event, events.MouseUp):
             self._console.key_pressed()
+        if self._console.asks_abort:
+            return False  # its own question alone judges them
         if (words := self._ahead.leaves_out(event)) is not None:
             self._console.leave_out(words)
         return words is not None
@@ -423,6 +439,8 @@ class MadrobApp(App[None], inherit_bindings=False):
         question: Callable[[Snapshot], Ask | str],
         look: Callable[[], Snapshot | None] | None = None,
     ) -> None:
+        if self._console.asks_abort and key.name != "abort":
+            return  # it was pressed before F8
         tiny = self._console.tiny
         look = look or self._link.snapshot
 
@@ -530,7 +548,8 @@ class MadrobApp(App[None], inherit_bindings=False):
             self._console.say("Closed: nothing was done.")
 
     async def on_dialog_passed(self, event: Dialog.Passed) -> None:
-        await self.on_event(events.Key(event.key.key, event.key.character))
+        if not self._console.asks_abort:
+            await self.on_event(events.Key(event.key.key, event.key.character))
 
     async def on_dialog_too_late(self, event: Dialog.TooLate) -> None:
         """Says that the question is void; after a confirmed abort another act is offered."""

@@ -516,6 +516,10 @@ class ConsoleScreen(Screen[None]):
         self.show_pane("history")
         self.panes.history.look_for(text)
 
+    @property
+    def asks_abort(self) -> bool:
+        return bool(self.dialogs) and self.dialogs[-1].name == "abort"
+
     def take_focus(self, *, chosen: bool = False) -> None:
         """Gives the focus to what is in front; to a text field only if that was chosen."""
         if self.dialogs:
@@ -532,7 +536,8 @@ class ConsoleScreen(Screen[None]):
         """
         from madrob_console.ui.cells.dialog import Dialog
 
-        dialog = Dialog(name, ask, self._about(name), fresh, self._ahead, self.drafts)
+        ahead = self._ahead.of_one_question() if name == "abort" else self._ahead
+        dialog = Dialog(name, ask, self._about(name), fresh, ahead, self.drafts)
         self.dialogs.append(dialog)
         self.query_one("#body").mount(dialog)
         self.on_descendant_focus()
@@ -552,7 +557,10 @@ class ConsoleScreen(Screen[None]):
         return f"{who}, {attempt}" if attempt else who
 
     def close(self, dialog: Dialog) -> None:
-        """Closes a dialog, and what was opened over it."""
+        """Closes a dialog, and what was opened over it but for the question of an abort."""
+        if self.asks_abort and dialog in self.dialogs[:-1]:
+            self.dialogs.remove(dialog)
+            dialog.remove()
         while dialog in self.dialogs:
             self.dialogs.pop().remove()
         self.on_descendant_focus()

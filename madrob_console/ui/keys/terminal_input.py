@@ -40,6 +40,7 @@ _KNOWN = re.compile(
 )
 """Textual takes the characters of any other sequence for keys."""
 
+_F8 = re.compile(r"\x1b\[19(?:;[\d:]*)*~")
 _URGENT = re.compile(r"\x1b\[19(?:;[\d:]*)*~|\x1b(?![\[O])")
 _NO_TEXT = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|O[A-Za-z])?|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 _LONGEST_SEQUENCE = 64
@@ -68,7 +69,7 @@ class InputFilter:
         self._on_flood = on_flood
         self._torn = ""
         self._pasted: str | None = None
-        self._escaped = self._flooded = self._after_paste = False
+        self._escaped = self._flooded = self._after_paste = self._behind_f8 = False
         self._last = 0.0
         self._burst = 0
 
@@ -76,6 +77,7 @@ class InputFilter:
         """What to hand on of `text`, which came at `now` (s)."""
         if (paused := now - self._last > PAUSE) and self._pasted is None:
             self._burst, self._flooded, self._after_paste = 0, False, False
+            self._behind_f8 = False
         if self._escaped and text[:1] in ("[", "O") and now - self._last < WHOLE_WITHIN:
             text = "\x1b" + text
         self._last, self._escaped = now, False
@@ -101,7 +103,7 @@ class InputFilter:
         torn = _TORN.search(text, max(0, len(text) - _LONGEST_SEQUENCE))
         self._torn = torn.group() if torn else ""
         end = torn.start() if torn else len(text)
-        room = MOST_KEYS - self._waiting()
+        room = MOST_KEYS - (0 if self._behind_f8 else self._waiting())
         for match in _TOKEN.finditer(text, 0, end):
             token = match.group()
             if token == _PASTE:
@@ -113,8 +115,17 @@ class InputFilter:
                 if not (self._flooded or self._after_paste):
                     self._flooded = True
                     self._on_flood()
-                yield from map(_whole, dict.fromkeys(_URGENT.findall(text, match.start(), end)))
+                f8 = [*_F8.finditer(text, match.start(), end)][-1:]
+                before = f8[0].start() if f8 else end
+                yield from map(_whole, dict.fromkeys(_URGENT.findall(text, match.start(), before)))
+                if f8:
+                    yield f8[0].group()
+                if f8 and not self._after_paste:
+                    # The app throws away what waits before it: what follows may be its answer.
+                    self._burst, self._behind_f8 = 0, True
+                    yield from self._keys(text[f8[0].end() :])
                 return
+            self._behind_f8 |= _F8.fullmatch(token) is not None
             if token == "\x1b" or _KNOWN.fullmatch(token):
                 yield _whole(token)
 

@@ -52,6 +52,10 @@ class TypeAhead:
         self._typed = typed
         self._hold: _Hold | None = None
 
+    def of_one_question(self) -> TypeAhead:
+        """One that knows only what happens to a question of its own."""
+        return TypeAhead(self._now, self._typed)
+
     def replaced(self, why: str) -> None:
         """Something else is shown by itself: no key was typed for it yet."""
         self._hold = _Hold(why, self._now() + UNSEEN, UNSEEN)

@@ -235,6 +235,37 @@ def test_after_any_input_f8_y_ends_the_run_and_escape_leads_back(hall: Hall) -> 
     _property(30)(hall=hall)
 
 
+def _flood_property(examples: int) -> Callable[..., None]:
+    @settings(
+        max_examples=examples,
+        deadline=None,
+        suppress_health_check=[*HealthCheck],
+        phases=[Phase.generate],
+        database=None,
+    )
+    @given(st.lists(st.sampled_from(NAMES), min_size=20, max_size=150), st.booleans())
+    def hold(hall: Hall, keys: list[str], counting_down: bool) -> None:
+        flood = types([*keys, "f8", "y"], 0.0)
+        hall.play([flood, ends_the_run], counting_down=counting_down, gap=0.0)
+
+    return hold
+
+
+async def ends_the_run(driver: Driver) -> None:
+    await let_pass(driver, STEP)
+    assert not driver.engine.run.active, driver.text
+
+
+def test_f8_y_behind_a_flood_ends_the_run(hall: Hall) -> None:
+    _flood_property(20)(hall=hall)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(100_000)
+def test_f8_y_behind_many_floods_ends_the_run(hall: Hall) -> None:
+    _flood_property(int(os.environ.get("SEQUENCES", "300")))(hall=hall)
+
+
 @pytest.mark.parametrize("keys", [["f10", "ctrl+p"], ["ctrl+p", "f10"]])
 def test_a_console_that_is_left_without_an_engine_ends_in_no_error(
     hall: Hall, keys: list[str]

@@ -149,9 +149,16 @@ def test_of_too_many_keys_f8_and_escape_are_left(waiting: int, count: int) -> No
     line = Line(waiting)
     came = line.send("1" * count + "\x1b1" + F8 + "2")
     kept = MOST_KEYS - waiting
-    assert came == "1" * min(kept, count) + ESCAPE * (count >= kept) + F8
+    assert came == "1" * min(kept, count) + ESCAPE * (count >= kept) + F8 + "2"
     assert line.floods == 1
     assert line.send("3") == "3" * (waiting < MOST_KEYS)
+
+
+@given(st.lists(st.sampled_from(["a", "y", "\r", "\x1b[A"]), max_size=3 * MOST_KEYS), st.booleans())
+def test_y_behind_f8_survives_every_flood(keys: list[str], torn: bool) -> None:
+    line = Line(waiting=MOST_KEYS)
+    pieces = ["".join(keys) + F8, "y"] if torn else ["".join(keys) + F8 + "y"]
+    assert line.send(*pieces, gap=PAUSE / 2).endswith(f"{F8}y")
 
 
 def test_a_key_that_is_held_down_is_no_flood() -> None:
