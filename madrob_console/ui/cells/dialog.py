@@ -307,6 +307,8 @@ class Dialog(Vertical):
         self.complain(words)
 
     def _choose(self, chosen: Option) -> None:
+        if not self._open:
+            return  # as in `_next`
         if chosen.free:
             self._open[0] = Write(chosen.label.capitalize(), missing="a reason is needed")
             self._show()
