@@ -34,7 +34,7 @@ class Comparison:
 def stored_result(path: Path) -> ResultDocument | str:
     """A bag alone has none; then why, in words."""
     try:
-        return read_result(str(path), attached=True)
+        return read_result(str(path))
     except FileNotFoundError:
         return "no stored result lies beside the recording"
     except UnusableResultError as error:

@@ -178,7 +178,7 @@ def check_run(run: RunPath) -> CheckedRun:
     folder = run.path
     run.demand_recording()
     try:
-        stored = read_whole_result(str(folder), attached=True)
+        stored = read_whole_result(str(folder))
     except FileNotFoundError:
         stored = None
     except UnusableResultError as error:

@@ -10,14 +10,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.common.plain_files import open_plain, refusal
 from madrob_console.referee.records import Sha256
 
 LARGEST_DIGESTED = 4_000_000_000
 """Larger files have no digest, bytes: it would take a minute. A run of 3 h takes half of that."""
 
-_BLOCK = 1 << 20
 _RECORDING = ".mcap"
 _METADATA = "metadata.yaml"
 _DATA = (_RECORDING, ".yaml", ".csv")
@@ -103,19 +101,11 @@ def _is_data(name: str) -> bool:
 
 
 def _digest(path: Path) -> FileDigest:
-    from recorder.attachments import FileEnding, detach
-
     with os.fdopen(open_plain(path), "rb") as file:
         if (size := os.fstat(file.fileno()).st_size) > LARGEST_DIGESTED:
             raise OSError(errno.EFBIG, f"{size / 1e9:.1f} GB, too much for a digest")
-        ending = detach(file, RESULT_FILE) if path.name.endswith(_RECORDING) else None
-        rest = FileEnding(size, b"") if ending is None else ending
-        file.seek(0)
-        digest = hashlib.sha256()
-        while block := file.read(min(_BLOCK, rest.begin - file.tell())):
-            digest.update(block)
-        digest.update(rest.data)
-        return FileDigest(sha256=digest.hexdigest(), bytes=file.tell() + len(rest.data))
+        digest = hashlib.file_digest(file, "sha256")
+        return FileDigest(sha256=digest.hexdigest(), bytes=file.tell())
 
 
 def _digest_of(content: bytes) -> FileDigest:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +15,7 @@ from madrob_console.archive.journal_agreement import is_noted, waits_for_line, w
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_journal import recorded_competition
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.plain_files import open_plain, read_bounded, refusal
+from madrob_console.common.plain_files import read_bounded, refusal
 from madrob_console.common.stored_json import decode
 from madrob_console.referee.records import Reissuing
 from madrob_console.referee.run_setup import StoredRuleset
@@ -86,14 +85,14 @@ class DamagedResultError(UnusableResultError):
     """A damaged `result.json`, which can be made again."""
 
 
-def read_result(folder: str, *, attached: bool = False) -> ResultDocument:
-    """The `result.json` of a run folder; where wanted, also the one attached to a bag alone.
+def read_result(folder: str) -> ResultDocument:
+    """The `result.json` of a run folder.
 
     Raises:
         FileNotFoundError: there is none.
         UnusableResultError: the message says why and what to do.
     """
-    data = _read_or_attached(folder) if attached else _read(folder)
+    data = _read(folder)
     if was_changed(data, Path(folder)):
         raise DamagedResultError(f"{RESULT_FILE} was changed after it was written: {_AGAIN}")
     return _document(data, folder)
@@ -127,9 +126,9 @@ def earlier_issues(folder: Path, reissues: Iterable[Reissuing]) -> tuple[ResultD
     return tuple(issues)
 
 
-def read_whole_result(folder: str, *, attached: bool = False) -> dict[str, Any]:
+def read_whole_result(folder: str) -> dict[str, Any]:
     """All of a result as JSON values, which need not be a document's; raises likewise."""
-    data = _read_or_attached(folder) if attached else _read(folder)
+    data = _read(folder)
     _decoded(data, _Bounds)
     return _decoded(data, dict[str, Any])
 
@@ -163,27 +162,6 @@ def _read(folder: str) -> bytes:
             "newer madrob-console"
         )
     return data
-
-
-def _read_or_attached(path: str) -> bytes:
-    try:
-        return _read(path)
-    except FileNotFoundError:
-        if (data := _attached(Path(path))) is None:
-            raise
-        return data
-
-
-def _attached(recording: Path) -> bytes | None:
-    from recorder.attachments import read_attachment
-
-    paths = sorted(recording.glob("*_0.mcap")) if recording.is_dir() else [recording]
-    for path in paths:
-        with suppress(OSError), os.fdopen(open_plain(path), "rb") as file:
-            data = read_attachment(file, RESULT_FILE)
-            if data is not None and len(data) <= LARGEST_RESULT:
-                return data
-    return None
 
 
 def _decoded(data: bytes, kind: type[_Item]) -> _Item:

@@ -7,19 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
-
-import msgspec
-from pandas import DataFrame
 
 from madrob_console.archive.folders import INDEX_PAGE, REPORT_FILE, RESULT_FILE
 from madrob_console.archive.result_document import (
     SCHEMA_FILE,
-    ResultDocument,
     result_schema,
     schema_text,
 )
-from madrob_console.archive.result_reader import LARGEST_RESULT
 from madrob_console.archive.run_journal import UnusableJournalError, read_run_journal
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.stored_runs import StoredRun, stored_run
@@ -27,8 +21,7 @@ from madrob_console.archive.table_columns import RUN_TABLES, SAMPLE_TABLES, Tidy
 from madrob_console.archive.table_rows import SampledRun, TableWriter
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
-from madrob_console.common.plain_files import read_all, refusal, stamp_of
-from madrob_console.export.foxglove_layout import LAYOUT_FILE, foxglove_layout
+from madrob_console.common.plain_files import stamp_of
 from madrob_console.export.packed_bag import (
     WHOLE_BAGS,
     BagParts,
@@ -40,7 +33,6 @@ from madrob_console.export.papers import (
     COLUMNS_FILE,
     PROTESTS_FILE,
     README_FILE,
-    SECONDS_FOLDER,
     columns_text,
     index_page,
     protests_text,
@@ -49,23 +41,12 @@ from madrob_console.export.papers import (
 from madrob_console.export.zip_file import Archive
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import RunSummary
-from recorder.attachments import FileEnding, attach
-from scoring.eurobench.csv_table import parse_table
-from scoring.eurobench.run_files import LARGEST_TABLE
-from scoring.protocol import ScoringError
 
 EXPORTS_FOLDER = "exports"
 """Default folder of zips, in the results folder."""
 
 Rendering = Callable[[Path], tuple[Mapping[str, bytes], Sequence[str]]]
 """Renders a run's report: files by name, and in words why there is none."""
-
-_EUROBENCH = {
-    "*_jointState.csv": ("time", "position", "velocity", "acceleration"),
-    "*_wrench.csv": ("time", "force_x"),
-    "*_event.csv": ("time", "event"),
-}
-"""The columns of EUROBENCH's tables (protocol section 5)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +120,9 @@ def pack(
         for number, (run, bag) in enumerate(bags.items()):
             tell(number, len(runs))
             _add_run(archive, run, bag, what, report)
-        stored = [*_stored(runs)]
-        _add_tables(archive, stored, what)
+        _add_tables(archive, [*_stored(runs)], what)
         archive.add_file(INDEX_PAGE, index_page(what.title, runs, archive.sums), what.time)
         archive.add_file(SCHEMA_FILE, schema_text(result_schema()), what.time)
-        cameras = {topic for bag in bags.values() for topic in bag.cameras}
-        layout = msgspec.json.encode(foxglove_layout(_newest(stored), sorted(cameras)))
-        archive.add_file(LAYOUT_FILE, msgspec.json.format(layout, indent=2) + b"\n", what.time)
         left_out = [*evidence_left_out(bags, parts), *archive.problems]
         text = readme(what.title, runs, archive.sums, what.other_names, left_out)
         archive.add_file(README_FILE, text, what.time)
@@ -159,24 +136,16 @@ def pack(
 def _add_run(
     archive: Archive, run: Path, bag: PackedBag, what: Contents, report: Rendering
 ) -> None:
-    before, result = stamp_of(str(run / RESULT_FILE)), None
-    with suppress(OSError):  # then the list of runs says why
-        result = read_all(run / RESULT_FILE, LARGEST_RESULT)
+    before = stamp_of(str(run / RESULT_FILE))
     wanted = what.dossier or stamp_of(str(run / REPORT_FILE)) is not None
     rendered, problems = report(run) if wanted else ({}, ())
-    timed, untimed = _in_seconds(run, what.runs[run].started)
-    added = {**rendered, **bag.written, **timed}
-    archive.problems += [f"{run.name}/{words}" for words in (*problems, *bag.problems, *untimed)]
+    added = {**rendered, **bag.written}
+    archive.problems += [f"{run.name}/{words}" for words in (*problems, *bag.problems)]
 
     def without(path: str) -> bool:  # anybody may have written the report in the folder
         return path in added or path == REPORT_FILE or bag.without(posixpath.basename(path))
 
-    def with_result(path: str, file: BinaryIO) -> FileEnding | None:
-        if path != f"{run.name}_0.mcap" or result is None:
-            return None
-        return attach(file, RESULT_FILE, "application/json", result)
-
-    archive.add_folder(run, run.name, without, with_result)
+    archive.add_folder(run, run.name, without)
     for name, data in added.items():
         archive.add_file(f"{run.name}/{name}", data, what.time)
     if what.dossier:
@@ -194,25 +163,6 @@ def _state(run: Path, problems: list[str]) -> Run | str:
         return str(error)
 
 
-def _in_seconds(run: Path, start: float) -> tuple[dict[str, bytes], list[str]]:
-    """EUROBENCH's tables of a run with a column that these must not have; then what is wrong."""
-    tables, problems = {}, []
-    for path, columns in (
-        (path, _EUROBENCH[kind]) for kind in _EUROBENCH for path in run.glob(kind)
-    ):
-        try:
-            text = read_all(path, LARGEST_TABLE).decode(errors="replace")
-            table = parse_table(path.name, text, columns)
-            cells = {"since_start": (table.numbers("time") - start).round(6), **table.cells}
-        except OSError as error:
-            problems.append(f"{path.name}: has no copy in seconds ({refusal(error)})")
-        except ScoringError as error:
-            problems.append(str(error))
-        else:
-            tables[f"{SECONDS_FOLDER}/{path.name}"] = DataFrame(cells).to_csv(index=False).encode()
-    return tables, problems
-
-
 def _add_samples(archive: Archive, run: Path, at: float) -> None:
     try:
         sampled = SampledRun.of(RunPath(run))
@@ -222,13 +172,6 @@ def _add_samples(archive: Archive, run: Path, at: float) -> None:
     for table in SAMPLE_TABLES:
         with _new_table(archive, f"tables/{run.name}_{table.name}.csv", table, at) as writer:
             writer.write_cells(sampled.columns_of(table))
-
-
-def _newest(stored: Sequence[StoredRun]) -> ResultDocument | None:
-    """The newest result; of runs whose handle was zeroed, if there are some."""
-    results = [run.result for run in stored]
-    zeroed = [result for result in results if result.zero_samples is not None]
-    return next(reversed(zeroed or results), None)
 
 
 def _add_tables(archive: Archive, stored: Sequence[StoredRun], what: Contents) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from madrob_console.archive.nearest_frames import PICTURE_TYPES
 from madrob_console.archive.run_journal import evidence_removed
 from madrob_console.common.plain_files import opened_folder, stamp_of
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
@@ -41,14 +40,12 @@ class PackedBag:
         written: the `metadata.yaml` of what is packed, where it is not the folder's.
         has_evidence: whether there is some, packed or not.
         problems: evidence that is missing and why, in words.
-        cameras: topics of pictures in the packed evidence.
     """
 
     without: Callable[[str], bool]
     written: Mapping[str, bytes] = field(default_factory=dict)
     has_evidence: bool = False
     problems: tuple[str, ...] = ()
-    cameras: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, run: Path, parts: BagParts) -> Self:
@@ -69,7 +66,6 @@ class PackedBag:
                 listed = () if listed_bag is None else listed_bag.more
                 packed = {file.file_name for file in listed}
                 torn = sorted(evidence - packed) if parts.evidence else ()
-                topics = (topic for file in listed for topic in file.topics)
                 return cls(
                     lambda name: is_left_of_evidence(name) and name not in packed,
                     {}
@@ -77,7 +73,6 @@ class PackedBag:
                     else {METADATA_FILE: listed_bag.metadata_yaml().encode()},
                     bool(evidence),
                     tuple(f"{name}: {_TORN}" for name in torn),
-                    tuple(topic.name for topic in topics if topic.type in PICTURE_TYPES),
                 )
         return cls(lambda _name: False)
 

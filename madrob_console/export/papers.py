@@ -20,7 +20,6 @@ from madrob_console.archive.result_document import SCHEMA_FILE
 from madrob_console.archive.table_columns import RUN_TABLES, SAMPLE_TABLES, column_lines
 from madrob_console.common.formatting import utc_text
 from madrob_console.common.names import REHEARSAL, SourceKind, is_rehearsal, terminal_safe
-from madrob_console.export.foxglove_layout import LAYOUT_FILE
 from madrob_console.export.zip_file import SUMS_FILE
 from madrob_console.referee.flags import FlagKind, serious
 from madrob_console.referee.run import Run
@@ -33,8 +32,6 @@ README_FILE = "README.txt"
 COLUMNS_FILE = "COLUMNS.txt"
 PROTESTS_FILE = "PROTESTS.txt"
 """Who protested about what, the decision, and missing evidence."""
-SECONDS_FOLDER = "seconds"
-"""In the folder of a run."""
 
 _OF_ALL: Mapping[str, str] = {
     PROTESTS_FILE: "the protests and what was decided: begin here",
@@ -42,7 +39,6 @@ _OF_ALL: Mapping[str, str] = {
     **{f"{table.name}.csv": table.row for table in RUN_TABLES},
     COLUMNS_FILE: "the columns of all csv files, with units and meaning",
     SCHEMA_FILE: "the keys of result.json",
-    LAYOUT_FILE: "a layout of Foxglove for recordings and cameras: import it there",
 }
 """Meaning of the files that are not of one run."""
 
@@ -53,10 +49,9 @@ _OF_RUNS: Mapping[str, str] = {
     f"/{JOURNAL_FILE}": "all that was done and said, a line each",
     f"/{PICTURES_FOLDER}/": "what the cameras saw at each event, larger than in the report",
     f"/{FRAMES_FOLDER}/": "what the cameras saw at an instant that somebody asked for",
-    f"/{SECONDS_FOLDER}/": f"in the folder {SECONDS_FOLDER}: with s since the start of the run",
     "tables/": f"what the sensors said, as tables; see {COLUMNS_FILE}",
     "_evidence_": "evidence: cameras and other topics; nothing is scored from it",
-    ".mcap": "the recording (MCAP) with its result: for Foxglove, or ROS 2: ros2 bag play {folder}",
+    ".mcap": "the recording (MCAP): for PlotJuggler, Foxglove, or ROS 2: ros2 bag play {folder}",
     METADATA_FILE: "makes a rosbag2 bag of the recording and its evidence",
     ".csv": f"EUROBENCH's data file, in s since 1970; see {COLUMNS_FILE}",
     ".yaml": "EUROBENCH's file of an indicator (none in an aborted run), a condition or the run",
@@ -142,7 +137,6 @@ def readme(
         other_names=other_names,
         left_out=left_out,
         sums=SUMS_FILE,
-        table=examples.get(f"/{SECONDS_FOLDER}/"),
         about=[*_about_all(names), *about],
     )
 

@@ -9,13 +9,11 @@ import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from typing import IO, BinaryIO, NamedTuple
 
 from madrob_console.common.names import terminal_safe
 from madrob_console.common.plain_files import open_plain, refusal
-from recorder.attachments import FileEnding
 from recorder.bag import is_evidence
 
 LONGEST_PATH = 400
@@ -54,13 +52,11 @@ class Archive:
         folder: Path,
         called: str,
         without: Callable[[str], bool] = lambda _path: False,
-        ending: Callable[[str, BinaryIO], FileEnding | None] = lambda _path, _file: None,
     ) -> None:
         """Adds the files of a folder, which is `called` so in the archive.
 
         What cannot be read, or unpacked everywhere, is a problem. Links are not followed; hidden
-        files are temporary. `without` says of a path within the folder whether it is left out,
-        `ending` how its copy ends where it does so in another way.
+        files are temporary. `without` says of a path within the folder whether it is left out.
 
         Raises:
             OSError: the archive cannot be written.
@@ -68,7 +64,7 @@ class Archive:
         for entry in self._files_in(folder, called):
             path = entry.name.removeprefix(f"{called}/")
             if not without(path):
-                self._add(entry, partial(ending, path))
+                self._add(entry)
 
     @contextmanager
     def new_file(self, name: str, modified: float, size: int = 0) -> Iterator[ZippedFile]:
@@ -98,7 +94,7 @@ class Archive:
         with suppress(OSError):  # whoever was cut short throws the file away
             self._zip.close()
 
-    def _add(self, entry: _Entry, ending: Callable[[BinaryIO], FileEnding | None]) -> None:
+    def _add(self, entry: _Entry) -> None:
         """Copies what the file holds now; what it grows by meanwhile is left out."""
         try:
             number = open_plain(entry.path, folder=entry.folder)
@@ -107,12 +103,9 @@ class Archive:
             return
         with os.fdopen(number, "rb") as file:
             state = os.fstat(number)
-            end = ending(file) or FileEnding(state.st_size, b"")
-            file.seek(0)
             try:
                 with self.new_file(entry.name, state.st_mtime, state.st_size) as member:
-                    _copy(file, member, end.begin)
-                    member.write(end.data)
+                    _copy(file, member, state.st_size)
             except _TornError as torn:
                 self.problems.append(f"{entry.name}: {torn}")
 
