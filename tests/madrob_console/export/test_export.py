@@ -13,7 +13,6 @@ import unicodedata
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -290,14 +289,6 @@ def test_a_team_without_runs_to_pack_is_told_in_a_line_and_makes_no_zip(
     assert not (root / "exports").exists()
 
 
-DAMAGED = {
-    f"{JOINTS}1,2,0,0\n1.7x,3,0,0\n".encode(): "line 3, column time: '1.7x' is no finite number",
-    b"\xff": "line 1, column time: is missing",
-    b"": "is empty",
-    b"angle\n1\n": "line 1, column time: is missing",
-    b"0" * 17_000_000: "has no copy in seconds (17.0 MB, more than 16",
-    b"time" + b"," * 10_000_000 + b"\n1\n": "line 1, column position: is missing",
-}
 UNSAFE = (
     *("C:\\x.bat", "x\\..\\..\\evil.bat", "esc\x1b]0;owned\x07\x1b[2J.txt", "line\nbreak.csv"),
     *("\u202etxt.exe", "trailing. ", "\x07", "\x07..", "result\x07.json", "C:"),
@@ -308,10 +299,6 @@ UNSAFE = (
 def put_file(path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("somebody's")
-
-
-def put_table(content: bytes, run: Path) -> None:
-    next(run.glob("*_jointState.csv")).write_bytes(content)
 
 
 DEEP = "/".join(["d" * 60] * 12)
@@ -346,13 +333,6 @@ SPOILT: dict[str, tuple[Spoil, list[str]]] = {
         ),
         [": its name cannot be unpacked everywhere: rename it"] * len(UNSAFE),
     ),
-    **{
-        f"a table that {why}, {content[:9]!r}": (
-            partial(put_table, content),
-            [f"_jointState.csv: {why}" if why == "is empty" else why],
-        )
-        for content, why in DAMAGED.items()
-    },
     "no files": (lambda run: list(map(Path.unlink, run.iterdir())), []),
     "an old recording": (lambda run: os.utime(next(run.glob("*_0.mcap")), (0, 0)), []),
     "evidence that is garbage": (
