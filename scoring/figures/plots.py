@@ -202,14 +202,6 @@ def svg(figure: Figure) -> str:
     return _TAG.sub(lambda tag: _DECIMALS.sub(r"\1", tag[0]), text.getvalue())
 
 
-def png(figure: Figure, resolution: float = 200) -> bytes:
-    """`resolution` is in dots an inch."""
-    data = io.BytesIO()
-    with _look():
-        figure.savefig(data, format="png", dpi=resolution, metadata={"Software": None})
-    return data.getvalue()
-
-
 def _look() -> AbstractContextManager[None]:
     """Use our matplotlib settings, and restore the others afterwards."""
     return style.context(["default", _STYLE])

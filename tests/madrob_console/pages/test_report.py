@@ -28,7 +28,6 @@ from madrob_console.pages.related_runs import (
     RelatedRuns,
 )
 from madrob_console.pages.report import report_html
-from madrob_console.pages.signal_charts import signals_html
 from madrob_console.referee.acts import (
     Abort,
     AddNote,
@@ -704,11 +703,7 @@ REPORTS: dict[str, tuple[str, Arguments, int, dict[str, int], tuple[str, ...]]] 
     ),
     "published files have no report": (
         *("", lambda run: (_put(run, "published"),)),
-        *(2, OF_PUBLISHED, ("--figures",)),
-    ),
-    "published files have figures": (
-        *("--figures svg", lambda run: (_put(run, "published"),)),
-        *(0, {**OF_PUBLISHED, rf"published/{RUN}_figure_.*\.svg": 5}, ()),
+        *(2, OF_PUBLISHED, ("result.figures()",)),
     ),
     "two runs of one name do not overwrite each other": (
         *("--output", lambda run: (run.parents[1] / "out", run, _put(run, "other"))),
@@ -718,30 +713,11 @@ REPORTS: dict[str, tuple[str, Arguments, int, dict[str, int], tuple[str, ...]]] 
         *("--output", lambda run: (run / "result.json", run)),
         *(2, {}, ("",)),
     ),
-    **{
-        f"figures as {kind}": (
-            *(f"--figures {kind} --output", lambda run: (run.parents[1] / "figures", run)),
-            *(0, {rf"figures/{RUN}_\d+_\d+_figure_.*\.{kind}": 5}, ()),
-        )
-        for kind in ("png", "svg")
-    },
-    "an aborted run has no pictures": (
-        *("--figures svg --output", lambda run: (run.parents[1] / "none", aborted())),
-        *(0, {}, ("invalid",) * 5),
-    ),
-    "a page that zooms": (
-        *("--figures html", lambda run: (run,)),
-        *(0, {IN_FOLDER.replace("report", "signals"): 1}, ()),
-    ),
-    "a page that zooms of published files": (
-        *("--figures html", lambda run: (_put(run, "published"),)),
-        *(0, {**OF_PUBLISHED, rf"published/{RUN}_signals\.html": 1}, ()),
-    ),
 }
 
 
 @pytest.mark.parametrize("case", REPORTS)
-def test_reports_and_figures_lie_where_they_are_asked_for(
+def test_reports_lie_where_they_are_asked_for(
     case: str, folder: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     options, paths, code, made, told = REPORTS[case]
@@ -755,33 +731,6 @@ def test_reports_and_figures_lie_where_they_are_asked_for(
     lines = said.err.splitlines()
     assert (said.code, new, len(lines)) == (code, set(), len(told))
     assert all(words in line for words, line in zip(told, lines, strict=True))
-    begins = {"png": b"\x89PNG", "svg": b"<?xml"}
-    for path in tmp_path.glob("figures/*"):
-        assert path.read_bytes().startswith(begins[path.suffix[1:]])
-
-
-def test_the_page_that_zooms_has_every_sample_and_loads_nothing(scored: Scored) -> None:
-    result, rows, condition = scored.result, scored.rows, scored.record.setup.condition
-    name = "</script><script>alert(1)</script>"
-    page = signals_html(name, result, rows, condition, ["SIMULATED: <b>"])
-    assert '<p class="banner">SIMULATED: &lt;b&gt;</p>' in page
-    assert page.count("</script>") == page.count("<script>") == 2
-    assert not re.search(r"http(?!-equiv)|@import|\ssrc=|url\(", page)
-    policy = "default-src 'none'; script-src 'unsafe-inline'; style-src"
-    assert f'http-equiv="Content-Security-Policy" content="{policy}' in page
-    assert "Permission is hereby granted" in page  # the library's licence goes with it
-    (text,) = re.findall("const told = (.*);", page)
-    told, joint = json.loads(text), rows.joint_state
-    for drawn, measured in (
-        (told["door"][0], joint.time - result.start),
-        (told["door"][1], joint.position),
-        (told["handle"][1], rows.force),
-    ):
-        assert drawn == pytest.approx(measured.tolist(), abs=1e-5)
-    assert [words for _, words in told["events"]] == [one.event.words for one in result.events]
-    lanes = {lane["name"]: lane["spans"] for lane in told["lanes"]}
-    assert lanes["door open"]
-    assert told["window"][1] >= max(end for spans in lanes.values() for _, end in spans)
 
 
 def test_without_matplotlib_a_report_says_what_is_missing_and_has_all_else(
@@ -795,7 +744,6 @@ def test_without_matplotlib_a_report_says_what_is_missing_and_has_all_else(
     madrob("report", folder)
     page = Page((folder / "report.html").read_text())
     page.tells({"Figures": (remedy,), "Indicators": ("execution time",)})
-    assert remedy in madrob.complaint("report --figures svg", folder)
     report_pictures.figures.cache_clear()
 
 
