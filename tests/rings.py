@@ -40,7 +40,6 @@ FOLDERS: Mapping[str, Ring] = {
     "madrob_console/messages": Ring.PURE,
     "madrob_console/pages": Ring.PURE,
     "madrob_console/referee": Ring.PURE,
-    "madrob_console/test_words.py": Ring.PURE,
     "madrob_console/testbeds": Ring.PURE,
     "madrob_console/testbeds/ros": Ring.MACHINE,
     "madrob_console/ui": Ring.SCREENS,
@@ -50,10 +49,6 @@ FOLDERS: Mapping[str, Ring] = {
     "corpus": Ring.PURE,
     "stories": Ring.STORIES,
     "test_papers.py": Ring.PURE,
-    "test_promises.py": Ring.PURE,
-    "test_one_name.py": Ring.PURE,
-    "test_programs.py": Ring.PURE,
-    "test_rings.py": Ring.PURE,
 }
 WITH_PROCESSES = frozenset({Ring.STORIES, Ring.MACHINE})
 LIMIT, MACHINE_LIMIT, SLOW_LIMIT = 60.0, 240.0, 600.0

@@ -1,8 +1,7 @@
-"""The papers beside the code: what the code cites is there, what they name exists."""
+"""The blocks of README and guide do what the pages say."""
 
 from __future__ import annotations
 
-import ast
 import json
 import math
 import re
@@ -10,48 +9,28 @@ import runpy
 import shlex
 import shutil
 import sys
-import tomllib
-from collections.abc import Iterable, Iterator
-from dataclasses import fields
-from importlib import resources
+from collections.abc import Iterable
 from pathlib import Path
 from random import Random
 from textwrap import dedent
 from typing import Any
 from unittest.mock import ANY
-from xml.etree import ElementTree as ET
 
 import msgspec
 import numpy as np
 import pytest
-import yaml
 
 import recorder
 import scoring
 from madrob_console import archive
 from madrob_console.archive import score
 from madrob_console.cli.guide_command import PAGES
-from madrob_console.cli.main import COMMANDS, build_parser, main
+from madrob_console.cli.main import build_parser, main
 from madrob_console.common.names import REHEARSAL, Scenario, is_rehearsal
-from madrob_console.common.version import RELEASE
 from madrob_console.config import Settings
 from madrob_console.config.settings import parse_settings
-from madrob_console.engine.public_state import PublishedState
-from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
-    ROBOT_TYPES,
-    referee_topics,
-)
-from madrob_console.messages.message_types import MessageTypes
-from madrob_console.pages.standings_files import COLUMNS
-from madrob_console.referee.acts import ACTS
-from madrob_console.referee.journal import Entry
-from madrob_console.referee.rebuild import Change
-from madrob_console.referee.run import Phase
-from madrob_console.testbeds.ros.abort_service import SERVICE_PACKAGE
-from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, MENU
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import BenchmarkType, Condition, EventName, Outcome, Side, Step, Thresholds
+from scoring.protocol import Condition, EventName, Outcome
 from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
@@ -65,21 +44,6 @@ GUIDE = sorted(f"madrob_console/guide/{page}.md" for page in PAGES)
 USERS = ("README.md", *GUIDE)
 """The papers of those who use the console."""
 
-PAPERS = (
-    *USERS,
-    "scoring/PROTOCOL.md",
-    "madrob_console/ARCHITECTURE.md",
-    "madrob_console/CHANGELOG.md",
-    ".github/CONTRIBUTING.md",
-    ".github/SECURITY.md",
-)
-SOURCES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py"))
-
-_CITATION = re.compile(
-    r"""\bsections?\s(?P<numbers>\d+(?:(?:,\s|\sand\s|,\sand\s|\sto\s)\d+)*)(?:,\s"(?P<words>[^"]+)")?""",
-    re.IGNORECASE,
-)
-_PATH = re.compile(r"`([\w.][\w./]*(?:/|/[\w.]+\.\w+|\.py|\.md|\.toml))`")
 _PLACEHOLDERS = {
     "PATH": "somewhere",
     "PATH...": "somewhere",
@@ -88,97 +52,11 @@ _PLACEHOLDERS = {
     "SHELL": "fish",
     "RUN": "somewhere",
 }
-FOREIGN_OPTIONS = {
-    *("--params-file", "--qos-durability", "--qos-reliability", "--system-site-packages"),
-}
-"""Of other programs."""
-
-_LINK = re.compile(r"\[[^\]]*\]\((?P<target>[^)#\s]+)[^)]*\)")
 
 
 def read(paper: str) -> str:
     """A paper's text."""
     return (ROOT / paper).read_text(encoding="utf-8")
-
-
-def protocol_sections() -> dict[int, str]:
-    """The text of each section of the protocol page, by its number."""
-    text = resources.files("scoring").joinpath("PROTOCOL.md").read_text(encoding="utf-8")
-    parts = re.split(r"^## (\d+)\. ", text, flags=re.MULTILINE)[1:]
-    return {int(number): body for number, body in zip(parts[::2], parts[1::2], strict=True)}
-
-
-def rows(section: str) -> list[list[str]]:
-    """The cells of the tables of a section, without code marks and without the headers."""
-    lines = [line for line in section.splitlines() if line.startswith("|")]
-    cells = [[cell.strip().replace("`", "") for cell in line.split("|")[1:-1]] for line in lines]
-    ruled = [index for index, row in enumerate(cells) if set(row[0]) == {"-"}]
-    return [row for i, row in enumerate(cells) if i not in ruled and i + 1 not in ruled]
-
-
-def section(page: str, title: str) -> str:
-    """A part of a page of the guide."""
-    text = read(f"madrob_console/guide/{page}.md").partition(f"\n## {title}\n")[2]
-    return text.partition("\n## ")[0]
-
-
-def citations(text: str) -> Iterator[tuple[int, str]]:
-    """The sections that a source cites, each with the words that it quotes from there."""
-    for match in _CITATION.finditer(re.sub(r"\s*\n\s*(?:# ?)?", " ", text)):
-        numbers = [int(number) for number in re.findall(r"\d+", match["numbers"])]
-        if " to " in match["numbers"]:
-            numbers = list(range(numbers[0], numbers[-1] + 1))
-        for number in numbers:
-            yield number, match["words"] or ""
-
-
-def test_every_section_that_the_code_cites_is_in_the_protocol_page() -> None:
-    sections = {n: " ".join(text.lower().split()) for n, text in protocol_sections().items()}
-    cited = [(path, *one) for path in SOURCES for one in citations(path.read_text("utf-8"))]
-    lacking = [one for one in cited if one[1] not in sections or one[2] not in sections[one[1]]]
-    assert lacking == []
-    assert len(cited) > 50
-
-
-def test_protocol_page_and_guide_name_the_topics_that_are_listened_to() -> None:
-    for text in (protocol_sections()[3], section("testbed", "Topics")):
-        told = {
-            topic: (f"{type_.replace(', ', '/msg/')}", field.removesuffix("[0..3]"))
-            for topic, type_, field in rows(text)
-        }
-        assert told == {m.topic: (m.type, m.field) for m in DEFAULT_MAPPINGS}
-
-
-def test_the_protocol_page_names_all_that_the_code_has() -> None:
-    sections = protocol_sections()
-    events = {re.sub(r"_(cw|ccw)_side$", "_{cw,ccw}_side", name) for name in EventName}
-    named = {
-        2: [f"{step}. {step.text}" for step in Step] + [f"- `{one}`: " for one in Outcome],
-        4: [f"`{name}`" for name in events],
-        9: [f"`{ruleset}`" for ruleset in RulesetName],
-    }
-    lacking = [
-        words
-        for number, all_of in named.items()
-        for words in all_of
-        if words not in sections[number]
-    ]
-    assert lacking == []
-    masks = [tuple(float(cell) for cell in row[1:]) for row in rows(sections[4])[-3:]]
-    assert masks == [Thresholds().mask_from, Thresholds().mask_to_cw, Thresholds().mask_to_ccw]
-    told = [(name, unit) for name, unit, _ in rows(sections[6])]
-    assert told == [(name, name.spec.unit) for name in IndicatorName]
-
-
-@pytest.mark.parametrize("paper", PAPERS)
-def test_files_and_folders_that_a_paper_names_or_links_are_there(paper: str) -> None:
-    folder, text = (ROOT / paper).parent, read(paper)
-    links = [match["target"] for match in _LINK.finditer(text) if "://" not in match["target"]]
-    assert [link for link in links if not (folder / link).exists()] == []
-    names = set(_PATH.findall(text))
-    places = (ROOT, ROOT / "madrob_console")
-    assert [name for name in names if not any((place / name).exists() for place in places)] == []
-    assert len(names) > 60 or not paper.endswith("ARCHITECTURE.md")  # the files of the ways
 
 
 def fenced(text: str, language: str) -> list[str]:
@@ -210,41 +88,6 @@ def commands(texts: Iterable[str]) -> list[list[str]]:
 @pytest.mark.parametrize("words", commands(blocks("sh")), ids=" ".join)
 def test_the_commands_of_the_papers_parse(words: list[str]) -> None:
     build_parser().parse_args(words)
-
-
-def named_commands() -> list[tuple[str, str]]:
-    """The commands within the sentences of README and guide, and what stands behind each."""
-    words = r"`madrob ((?:calibrate |engine |table )?[a-z]+)([^`]*)`"
-    return re.findall(words, "\n".join(map(read, USERS)))
-
-
-def test_the_papers_name_every_command() -> None:
-    named = {words[0] for words in commands(blocks("sh"))}
-    named |= {words.split()[0] for words, _ in named_commands()}
-    assert named == set(COMMANDS)
-
-
-def test_the_options_that_a_sentence_names_are_those_of_the_commands(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    def help_of(words: str) -> str:
-        with pytest.raises(SystemExit):
-            build_parser().parse_args([*words.split(), "--help"])
-        return capsys.readouterr().out
-
-    seen = 0
-    for words, rest in named_commands():
-        text = help_of(words)
-        for option in re.findall(r"--[a-z-]+", rest):
-            seen += 1
-            assert option in text, f"madrob {words} {option}"
-    every = "".join(
-        map(help_of, (*COMMANDS, "engine stop", "engine unit", "table runs", "table samples"))
-    )
-    for option in re.findall(r"`(--[a-z-]+)[^`]*`", "\n".join(map(read, USERS))):
-        seen += 1
-        assert option in every or option in FOREIGN_OPTIONS, option
-    assert seen > 20
 
 
 @pytest.mark.parametrize("block", blocks("toml"), ids=lambda block: block.split()[0])
@@ -300,36 +143,6 @@ def test_the_commands_of_a_day_do_what_they_are_for(
     assert marked == [rehearsed] * 4
 
 
-def test_the_guide_has_every_key() -> None:
-    told = [cell for row in rows(section("referee", "Keys")) for cell in row[0].split(", ")]
-    caps = [key.cap.replace("^", "Ctrl+") for key in (*FUNCTION_KEYS, *LETTER_KEYS, *MENU)]
-    assert sorted(told) == sorted([*caps, "?", "/", "v", "<", ">"])
-
-
-def test_the_guide_has_the_keys_and_words_that_the_referee_publishes() -> None:
-    types = MessageTypes()
-    topics = {topic.name: topic.type for topic in referee_topics(types)} | ROBOT_TYPES
-    told_topics = {
-        row[0]: re.split("[,:] ", row[1])[0] for row in rows(section("robots", "Topics"))
-    }
-    assert told_topics == topics
-    told = [row[0] for row in rows(section("robots", "The state"))]
-    assert told == [*PublishedState.__struct_fields__, *Phase]
-    text = section("robots", "Events")
-    keys, lines = text.split("These lines say how a run goes.")
-    assert [row[0] for row in rows(keys)] == [each.name for each in fields(Entry)]
-    named = set(re.findall("`([^`]+)`", lines))
-    assert {*Change, *(act.name for act in ACTS), *EventName} <= named
-
-
-def test_the_launch_file_starts_a_command() -> None:
-    launch = (ROOT / "madrob_console/ros_package/launch/referee.launch.py").read_text()
-    calls = [n for n in ast.walk(ast.parse(launch)) if isinstance(n, ast.Call)]
-    words = {word.arg: word.value for call in calls for word in call.keywords}
-    assert build_parser().parse_args(ast.literal_eval(words["arguments"])).testbed == ["ros"]
-    assert ast.literal_eval(words["executable"]) == "madrob"
-
-
 def test_ros_finds_the_package_where_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     packages = pytest.importorskip("ament_index_python.packages")
     monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
@@ -337,30 +150,6 @@ def test_ros_finds_the_package_where_it_is_installed(monkeypatch: pytest.MonkeyP
     source = ROOT / "madrob_console/ros_package"
     assert (share / "package.xml").read_bytes() == (source / "package.xml").read_bytes()
     assert [path.name for path in share.glob("**/*.launch.py")] == ["referee.launch.py"]
-
-
-def test_the_package_names_what_of_ros_is_imported() -> None:
-    package = ET.parse(ROOT / "madrob_console/ros_package/package.xml").getroot()
-    assert package.findtext("export/build_type") == "ament_python"
-    assert package.findtext("name") == "madrob_console"
-    assert package.findtext("version") == RELEASE
-    needed = {one.text for one in package.iter("exec_depend")}
-    sources = "".join(path.read_text() for path in SOURCES)
-    used = set(re.findall(r'"(rclpy|ros[a-z_]+_py|[a-z_]+(?=[./](?:msg|srv)\b))', sources))
-    example_of_a_setting = {"madrob_msgs"}
-    assert used - example_of_a_setting | {SERVICE_PACKAGE} == needed
-
-
-def test_the_guide_numbers_the_conditions() -> None:
-    sides = [(Side.CCW, Side.CCW), (Side.CW, Side.CCW), (Side.CCW, Side.CW), (Side.CW, Side.CW)]
-    assert rows(section("organiser", "Before the competition")) == [
-        [kind, *(str(Condition(kind, *pair).number) for pair in sides)] for kind in BenchmarkType
-    ]
-
-
-def test_the_guide_names_the_columns_of_the_standings() -> None:
-    table = rows(section("data", "Tables of many runs"))
-    assert sorted(name for row in table for name in row[0].split(", ")) == sorted(COLUMNS)
 
 
 def test_the_notebook_of_the_guide_gives_the_digits_that_the_console_stored(
@@ -511,19 +300,3 @@ def run_as_in_the_guide(drive: Drive, condition: int, timeout: float) -> Result:
         for name, one in run.result.indicators.items()
     }
     return run.result
-
-
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-
-
-def test_the_release_is_the_same_everywhere() -> None:
-    assert yaml.safe_load(read(".github/CITATION.cff"))["version"] == RELEASE
-    assert re.findall(r"^## (.*)$", read("madrob_console/CHANGELOG.md"), re.MULTILINE)[0] == RELEASE
-
-
-def test_the_package_names_the_pythons_that_are_tried() -> None:
-    language = "Programming Language :: Python :: "
-    named = [text.removeprefix(language) for text in PROJECT["project"]["classifiers"]]
-    tried = re.search(r"^pythons='(.*)'$", (ROOT / ".ci" / "run").read_text("utf-8"), re.MULTILINE)
-    assert tried is not None
-    assert [name for name in named if re.fullmatch(r"3\.\d+", name)] == tried[1].split()
