@@ -31,22 +31,19 @@ _GOES = 100
 """The most tries to list again; each needs a file that came or went meanwhile."""
 
 
-def put_listing(
-    folder_fd: int, recording: BagInformation | None = None, without: Collection[str] = ()
-) -> BagInformation | None:
+def put_listing(folder_fd: int, recording: BagInformation | None = None) -> BagInformation | None:
     """List all files of a bag in its `metadata.yaml`; on disk on return.
 
     Call it after a file of the bag was finished, repaired or removed. Several processes may do
-    so at once without a lock: the last one looks once more, so all is listed. `without` is
-    evidence about to be removed. None = the recording is unfinished: who finishes or repairs it
-    lists all.
+    so at once without a lock: the last one looks once more, so all is listed. None = the
+    recording is unfinished: who finishes or repairs it lists all.
     """
-    listed = listing(folder_fd, recording, without)
+    listed = listing(folder_fd, recording)
     for _ in range(_GOES):
         if listed is None:
             break
         write_metadata(folder_fd, listed)
-        before, listed = listed, listing(folder_fd, recording, without)
+        before, listed = listed, listing(folder_fd, recording)
         if listed == before:
             break
     return listed
@@ -55,7 +52,7 @@ def put_listing(
 def listing(
     folder_fd: int, recording: BagInformation | None = None, without: Collection[str] = ()
 ) -> BagInformation | None:
-    """What `put_listing` would write, by the summaries of the files; reads no message."""
+    """What `put_listing` would write, but for the evidence `without`; reads no message."""
     names = [name for name in os.listdir(folder_fd) if name.endswith(_SUFFIX)]
     evidence = sorted(filter(is_evidence, names), key=natural_order)
     if recording is None:

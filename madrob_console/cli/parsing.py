@@ -6,7 +6,7 @@ import argparse
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from enum import StrEnum
 from pathlib import Path
@@ -160,28 +160,6 @@ def whole_within(low: int, high: float = math.inf) -> Callable[[str], int]:
         return _demand(whole_number(text), low, high)
 
     return convert
-
-
-_UNITS = {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
-_MEASURE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?) ?([A-Za-z]+)", re.ASCII)
-_PERIODS = {"h": 3600.0, "d": 86400.0, "w": 604800.0}
-
-
-def size(text: str) -> float:
-    """Argument type: bytes, as in `50GB`."""
-    return _measured(text, _UNITS, "size, as 50GB or 500MB are")
-
-
-def period(text: str) -> float:
-    """Argument type: seconds, as in `7d`."""
-    return _measured(text, _PERIODS, "time, as 12h, 7d or 2w are")
-
-
-def _measured(text: str, units: Mapping[str, float], what: str) -> float:
-    match = _MEASURE.fullmatch(text.strip())
-    if match is None or (unit := units.get(match[2])) is None:
-        raise argparse.ArgumentTypeError(f"'{text}' is no {what}")
-    return float(match[1]) * unit
 
 
 def number(text: str) -> float:

@@ -296,7 +296,7 @@ def _recorder(r: Readings) -> Check:
     return _verdict(CheckName.RECORDER, not problem, problem or "ready to open a file", "")
 
 
-_MAKE_ROOM = "`madrob tidy` makes room for evidence"
+_MAKE_ROOM = "make room for evidence (`madrob guide testbed`)"
 
 
 def _evidence(r: Readings, run: Run) -> Iterator[Check]:

@@ -198,7 +198,7 @@ class Run:
     def evidence_removed(self, date: Callable[[float], str]) -> str:
         if not self.removed_evidence:
             return ""
-        return f"removed by tidy on {date(self.removed_evidence[-1].time)}"
+        return f"removed on {date(self.removed_evidence[-1].time)}"
 
     @property
     def answered_at(self) -> float | None:

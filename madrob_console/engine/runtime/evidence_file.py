@@ -154,7 +154,7 @@ class EvidenceFile:
             return None
         return (
             f"no more evidence is recorded: {format_size(free)} free, the score keeps "
-            f"{format_size(least)} for itself; make room by `madrob tidy`"
+            f"{format_size(least)} for itself; make room"
         )
 
 

@@ -1,33 +1,22 @@
-"""`madrob recover` and `madrob tidy` as people and scripts use them."""
+"""`madrob recover` as people and scripts use it."""
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from unittest.mock import Mock
-from zipfile import ZipFile
 
 import pytest
 
 from madrob_console.archive import score
-from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, RESULT_FILE
-from madrob_console.cli import tidy_command
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.common.file_locks import Hold
 from madrob_console.referee.journal import HOLD_FILE
 from recorder.reader import Bag
 from recorder.writer import BagWriter
 from tests.madrob_console.cli.typed import Madrob
-from tests.madrob_console.recorded_runs import (
-    appealed,
-    completed,
-    final,
-    list_files,
-    without_digests,
-)
+from tests.madrob_console.recorded_runs import completed
 from tests.recorder.samples import add_evidence, strings, talk
 
 
@@ -113,111 +102,6 @@ def test_a_results_folder_is_repaired_run_by_run(tmp_path: Path, madrob: Madrob)
     assert (said.code, said.err.count("\n"), str(lost) in said.err) == (2, 1, True)
     lines = f"{torn}: .*messages kept.*\n{whole}: .*nothing was written\n"
     assert re.fullmatch(lines, said.out)
-
-
-@pytest.fixture
-def root(tmp_path: Path) -> Path:
-    """Four runs with evidence, the second one protested; the higher its number the later."""
-    results = tmp_path / "results"
-    for number in range(1, 5):
-        source = appealed() if number == 2 else final()
-        stem = re.sub(r"_run_001_(\d{8})_\d{6}", rf"_run_{number:03d}_\1_{number:06d}", source.name)
-        folder = shutil.copytree(source, results / stem)
-        path = folder / RESULT_FILE
-        stored = json.loads(path.read_text())
-        own = {"run_number": number, "start": stored["start"] + number, "run_id": ""}
-        path.write_text(json.dumps(stored | own))
-        without_digests(folder)
-        add_evidence(folder, strings(["a picture", "another"]))
-        list_files(folder)
-    return results
-
-
-@pytest.fixture
-def tidy(root: Path, madrob: Madrob) -> Callable[..., str]:
-    """What it prints; all evidence may go."""
-    return lambda flags, code=0: madrob(f"tidy {flags} --results", root, code=code)
-
-
-ALL = "--keep-runs 0"
-
-
-def files(root: Path) -> int:
-    return len(list(root.glob("*/*_evidence_*")))
-
-
-def test_a_dry_run_says_what_goes_what_stays_and_why(root: Path, tidy: Callable[..., str]) -> None:
-    *lines, total = tidy(f"{ALL} --dry-run").splitlines()
-    ends = [re.split(r" {2,}", line, maxsplit=3)[3] for line in lines]
-    assert ends == ["goes", "stays: it was protested", "goes", "stays: it is the last practice run"]
-    assert total.startswith("evidence of 2 runs, ")
-    assert files(root) == 4
-
-
-def test_room_that_cannot_be_made_is_told_in_the_last_line(tidy: Callable[..., str]) -> None:
-    for flag in ("--dry-run", "--yes"):
-        line = tidy(f"--until-free 900000GB {flag}").splitlines()[-1]
-        assert re.fullmatch(r"--until-free 900 TB is not reached: \d+ TB are lacking", line)
-    assert "--until-free" not in tidy("--until-free 1MB --dry-run")
-
-
-@pytest.mark.parametrize(
-    ("yes", "code", "end", "left"),
-    [
-        (False, tidy_command.NOT_REMOVED, "nothing was removed\n", 4),
-        (True, 0, "of evidence of 2 of 2 runs; ", 2),
-    ],
-)
-def test_it_asks_and_no_means_no(
-    yes: bool, code: int, end: str, left: int,
-    root: Path, tidy: Callable[..., str], monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    says_yes = Mock(return_value=yes)
-    monkeypatch.setattr(tidy_command, "somebody_there", lambda: True)
-    monkeypatch.setattr(tidy_command, "says_yes", says_yes)
-    assert end in tidy(ALL, code=code)
-    says_yes.assert_called_once_with("Remove the evidence of 2 runs for good? [y/N] ")
-    assert files(root) == left
-
-
-def test_without_anybody_to_ask_it_wants_to_be_told_so(root: Path, madrob: Madrob) -> None:
-    said = madrob.complaint(f"tidy {ALL} --results", root)
-    assert said == "madrob: nobody is there to be asked: --yes removes without asking\n"
-    assert files(root) == 4
-
-
-def test_report_and_zips_say_that_evidence_was_removed(
-    root: Path, tidy: Callable[..., str], madrob: Madrob
-) -> None:
-    report, target = next(root.glob("*_run_001_*")) / REPORT_FILE, root.parent / "exported.zip"
-    report.write_text("<html>")
-    tidy(f"{ALL} --yes")
-    words = r"Evidence removed.*on \d{4}-\d\d-\d\d [^<]*: 1 file, \d+\.\d MB"
-    assert re.search(words, report.read_text(), re.DOTALL)
-    for what, words in {
-        "--subject 3 --practice": "removed by tidy on",
-        f"--run {report.parent.name} --dossier": "evidence was removed by tidy on",
-    }.items():
-        madrob(f"export {what} --results", root, "--output", target)
-        with ZipFile(target) as packed:
-            assert words in packed.read("README.txt").decode()
-
-
-def test_nothing_goes_while_a_run_goes_on(root: Path, madrob: Madrob) -> None:
-    going = next(root.glob("*_run_004_*"))
-    (going / RESULT_FILE).unlink()
-    with Hold(going / HOLD_FILE):
-        said = madrob.complaint(f"tidy {ALL} --yes --results", root)
-    assert said == f"madrob: {going.name}: this run goes on: tidy after it\n"
-    assert files(root) == 4
-
-
-def test_a_run_that_refuses_is_named_and_the_rest_goes(root: Path, madrob: Madrob) -> None:
-    tear(next(root.glob("*_run_001_*")), 0.99)
-    said = madrob.say(f"tidy {ALL} --yes --results", root)
-    assert (said.code, said.err.count("\n"), files(root)) == (2, 1, 3)
-    assert "`madrob recover` repairs it" in said.err
-    assert "of evidence of 1 of 2 runs; " in said.out
 
 
 @pytest.fixture

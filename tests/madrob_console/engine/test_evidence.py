@@ -264,8 +264,8 @@ def test_the_room_is_what_earlier_runs_leave_of_the_budget_and_a_failure_is_waiv
     with (earlier / evidence_file_name(earlier.name, 0)).open("wb") as file:
         file.truncate(held)  # a hole
     drive.prepare(make_setup())
-    said = "failed: `madrob tidy` makes room for evidence: room for 59 min at the rate of now"
-    assert drive.check(CheckName.EVIDENCE).startswith(said)
+    said = "make room for evidence (`madrob guide testbed`): room for 59 min at the rate of now"
+    assert drive.check(CheckName.EVIDENCE).startswith(f"failed: {said}")
     assert "evidence" in str(drive.engine.perform(Start()))
     drive.act(Waive(CheckName.EVIDENCE, "the last run of the day"), Start())
     assert drive.evidence.places[0].most_bytes == BUDGET - held
@@ -544,7 +544,7 @@ def test_evidence_that_fills_the_disk_stops_before_the_room_of_the_score(
             if run.file.stats.queued_bytes < MB:
                 run.take(*range(max(1, MB // (10 * size))), size=size)
     assert run.failed.startswith("no more evidence is recorded: ")
-    assert "MB free, the score keeps 5.0 MB for itself; make room by" in run.failed
+    assert "MB free, the score keeps 5.0 MB for itself; make room" in run.failed
     assert keeps < free() < keeps + 3 * MB + size
 
 

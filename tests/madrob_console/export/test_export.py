@@ -491,7 +491,7 @@ PROTESTS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
             "evidence": EvidenceAccount((CAMERA,)),
             "removed_evidence": (RemovedEvidence(0.0, 1, 5),),
         },
-        ("  removed by tidy on 1970-01-01 00:00:00 UTC",),
+        ("  removed on 1970-01-01 00:00:00 UTC",),
     ),
     "a time is told once": (
         {"protests": (filed("7.500 s"), filed("step 4")), "start": 100.0},

@@ -71,7 +71,7 @@ def evidence(now: EvidenceState | None, least: float | None = 60.0) -> dict[str,
 
 N = CheckName
 AGAIN = "zero the handle again: "
-ROOM = "`madrob tidy` makes room for evidence: "
+ROOM = "make room for evidence (`madrob guide testbed`): "
 
 
 @pytest.mark.parametrize(
