@@ -36,7 +36,7 @@ def _shown(flag: str, shown: Shown, text: str) -> Argument:
         "madrob watch --testbed ros --domain 41",
         "madrob watch --big    # a wall display",
         "madrob watch --plain  # for a screen reader, a log, a chat",
-        "madrob watch --json   # for a program; `madrob schema watch` says what it reads",
+        "madrob watch --json   # for a program; `madrob guide robots` says what it reads",
     ),
 )
 def watch(arguments: argparse.Namespace) -> int:

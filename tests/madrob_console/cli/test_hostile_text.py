@@ -72,7 +72,7 @@ def test_a_traceback_is_made_safe_as_well(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(command_line, "build_parser", Mock(side_effect=ValueError(HOSTILE)))
-    monkeypatch.setattr(sys, "argv", ["madrob", "schema"])
+    monkeypatch.setattr(sys, "argv", ["madrob", "settings"])
     assert main() == 1
     _, err = capfd.readouterr()
     assert "ValueError" in err

@@ -20,7 +20,7 @@ from typing import IO
 
 import pytest
 
-from madrob_console.cli import schema_command
+from madrob_console.cli import settings_command
 from madrob_console.cli.interruption import STOPPED, interruptible
 from madrob_console.cli.main import main
 from madrob_console.common.names import Scenario
@@ -66,7 +66,7 @@ def test_imports_wait(what: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.machine
-@pytest.mark.parametrize("command", ["settings", "schema", "--help"])
+@pytest.mark.parametrize("command", ["settings", "guide", "--help"])
 def test_a_full_disk_behind_the_output_is_one_line(command: str) -> None:
     with Path("/dev/full").open("w") as full:
         done = ran(*PROGRAM, command, stdout=full)
@@ -253,9 +253,11 @@ def test_ctrl_c_is_its_exit_code_and_of_what_it_left_unfinished_nothing_is_said(
         del unfinished  # which cannot be closed without its file, and python says so
         return 0
 
-    monkeypatch.setattr(schema_command, "schema", replace(schema_command.schema, main=packs))
+    monkeypatch.setattr(
+        settings_command, "settings", replace(settings_command.settings, main=packs)
+    )
     with restored_ctrl_c():
-        assert main(["schema"]) == (STOPPED if pressed else 0)
+        assert main(["settings"]) == (STOPPED if pressed else 0)
     said = capsys.readouterr().err
     assert said.count("ZipFile.__del__") == (not pressed)
     assert said == "madrob: stopped\n" or not pressed

@@ -28,7 +28,6 @@ WORDS = [
     ("standings --bets 3", "madrob standings: --bets: no such option, did you mean --best?"),
     ("export --subject 3 --bag", "madrob export: --bag: no such option"),
     ("settings all", "madrob settings: all: nothing more is expected here"),
-    ("schema all", "there is no 'all', use result, event, state or watch"),
     ("watch --plain --big", "--big: not allowed with argument --plain"),
     ("console --testbed sim", "--testbed: there is no 'sim', did you mean simulated?"),
     ("console --testbed ros 3", "--testbed: ros takes nothing more, not '3'"),
