@@ -1,4 +1,4 @@
-"""The programs of the system that some tests need: `pytest.mark.needs("zsh")`.
+"""The programs of the system that some tests need: `pytest.mark.needs("tmux")`.
 
 Where one is absent, the test is skipped and says which package has it; with `CI=true` it fails.
 
@@ -22,7 +22,6 @@ PACKAGES: Mapping[str, str] = {
     "cc": "gcc",
     "/usr/include/stdio.h": "libc6-dev",
     "faketime": "faketime",
-    "fish": "fish",
     "git": "git",
     "mkfs.ext4": "e2fsprogs",
     "ssh": "openssh-client",
@@ -30,7 +29,6 @@ PACKAGES: Mapping[str, str] = {
     "sshd": "openssh-server",
     "systemd-analyze": "systemd",
     "tmux": "tmux",
-    "zsh": "zsh",
 }
 """Program, or file -> the Debian package that has it."""
 

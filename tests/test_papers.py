@@ -49,7 +49,6 @@ _PLACEHOLDERS = {
     "PATH...": "somewhere",
     "N": "3",
     "KG": "2.5",
-    "SHELL": "fish",
     "RUN": "somewhere",
 }
 

@@ -19,8 +19,7 @@ from scoring.protocol import ScoringError
 COMMANDS = (
     *("console", "watch", "engine", "run", "testbed"),
     *("score", "eurobench", "report", "plan", "standings", "publish", "export"),
-    *("table", "recover", "calibrate", "doctor", "settings", "completion"),
-    "guide",
+    *("table", "recover", "calibrate", "doctor", "settings", "guide"),
 )
 """In the order of the help; each is a file beside this one, `<name>_command.py`."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import random
-import re
 import shutil
 import signal
 import subprocess
@@ -24,11 +23,8 @@ from madrob_console.cli import settings_command
 from madrob_console.cli.interruption import STOPPED, interruptible
 from madrob_console.cli.main import main
 from madrob_console.common.names import Scenario
-from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import recorded
 from tests.slowly import slow_but_for
-from tests.terminal import Terminal
-from tests.watching import until
 
 PROGRAM = (sys.executable, "-m", "madrob_console.cli")
 
@@ -261,86 +257,3 @@ def test_ctrl_c_is_its_exit_code_and_of_what_it_left_unfinished_nothing_is_said(
     said = capsys.readouterr().err
     assert said.count("ZipFile.__del__") == (not pressed)
     assert said == "madrob: stopped\n" or not pressed
-
-
-# TAB in real shells.
-
-
-PROMPT = "ready>"
-FISH = f"function fish_prompt; echo -n '{PROMPT}'; end; set fish_greeting; source SCRIPT"
-SHELLS = {
-    "bash": (["bash", "--norc", "--noprofile", "-i"], f"source SCRIPT; PS1='{PROMPT}'"),
-    "zsh": (
-        ["zsh", "-f", "-i"],
-        f"fpath=(FOLDER $fpath); autoload -Uz compinit; compinit -u -D; PS1='{PROMPT}'",
-    ),
-    "fish": (["fish", "--no-config", "-i", "-C", FISH], ""),
-}
-FIRST = {"bash": "# ", "zsh": "#compdef madrob", "fish": "# "}
-
-
-@pytest.fixture(
-    params=["bash", *(pytest.param(n, marks=pytest.mark.needs(n)) for n in ("zsh", "fish"))]
-)
-def shell(request: pytest.FixtureRequest, tmp_path: Path, madrob: Madrob) -> Iterator[Terminal]:
-    script = tmp_path / "functions" / "_madrob"
-    script.parent.mkdir()
-    script.write_text(madrob("completion", request.param))
-    (tmp_path / "my_run").mkdir()
-    (tmp_path / "my_run" / "some.mcap").write_text("")
-    *words, begin = (
-        part.replace("SCRIPT", str(script)).replace("FOLDER", str(script.parent))
-        for part in (*SHELLS[request.param][0], SHELLS[request.param][1])
-    )
-    environment = {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / "config")}
-    environment["PATH"] = f"{tmp_path}:{os.environ['PATH']}"
-    with Terminal(words, columns=100, env=environment, cwd=tmp_path) as terminal:
-        if begin:
-            terminal.send(f"{begin}\n")
-        terminal.wait_for(PROMPT)
-        yield terminal
-
-
-@pytest.mark.machine
-@pytest.mark.parametrize(
-    ("typed", "completed"),
-    [
-        ("madrob conso", "madrob console"),
-        ("madrob calibrate ma", "madrob calibrate masks"),
-        ("madrob run --bench", "madrob run --benchmark-type"),
-        ("madrob console --theme hi", "madrob console --theme high-contrast"),
-        ("madrob engine sta", "madrob engine status"),
-        ("madrob console --testbed sim", "madrob console --testbed simulated"),
-        ("madrob console --testbed replay my_", "madrob console --testbed replay my_run/"),
-        ("madrob score my_", "madrob score my_run/"),
-        ("madrob score --write my_", "madrob score --write my_run/"),
-        ("madrob engine stop --fo", "madrob engine stop --force"),
-    ],
-)
-def test_tab_completes(shell: Terminal, typed: str, completed: str) -> None:
-    shell.send(f"{typed}\t")
-    shell.wait_for(f"{PROMPT}{completed}")
-
-
-@pytest.mark.machine
-def test_tab_starts_no_program(shell: Terminal, tmp_path: Path) -> None:
-    called, madrob = tmp_path / "called", tmp_path / "madrob"
-    madrob.write_text(f"#!/bin/sh\ntouch {called}\n")
-    madrob.chmod(0o755)
-    shell.send(f"{madrob} x\n")
-    until(called.exists)  # it would be seen
-    called.unlink()
-    for typed, completed in (("madrob stand\t", "madrob standings"), ("--be\t", "--best")):
-        shell.send(typed)
-        shell.wait_for(completed)
-    assert not called.exists()
-
-
-@pytest.mark.parametrize("name", FIRST)
-def test_the_script_sends_nobody_to_another_place_than_the_help_does(
-    name: str, madrob: Madrob
-) -> None:
-    script = madrob("completion", name)
-    assert script.startswith(FIRST[name])
-    assert "madrob completion --help" in script.partition("\n\n")[0]
-    assert not re.search(r"\.local/share|\.bashrc", script)
