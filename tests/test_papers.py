@@ -50,6 +50,7 @@ _PLACEHOLDERS = {
     "N": "3",
     "KG": "2.5",
     "RUN": "somewhere",
+    "FOLDER": "somewhere",
 }
 
 

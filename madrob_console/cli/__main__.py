@@ -11,13 +11,15 @@ REFUSED = 255
 """Exit code of `run_madrob` for a run that cannot be scored: -1, as a shell shows it."""
 
 
-def main() -> int:
+def main(eurobench: bool = False) -> int:
     stopped: list[int] = []
     atexit.register(_die, stopped)  # the first that is registered comes last
     try:
-        from madrob_console.cli.main import main as madrob
-
-        code = madrob()
+        if eurobench:
+            from madrob_console.cli.run_madrob import main as program
+        else:
+            from madrob_console.cli.main import main as program
+        code = program()
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was asked for is done: it only ends
     except KeyboardInterrupt:
         sys.stderr.write("madrob: stopped\n")
@@ -29,11 +31,10 @@ def main() -> int:
 
 
 def run_madrob() -> int:
-    """Run `madrob eurobench` as a program of its own, for EUROBENCH's runner."""
-    sys.argv.insert(1, "eurobench")
+    """Score named files as the published scripts do, for EUROBENCH's runner."""
     code: object
     try:
-        code = main()
+        code = main(eurobench=True)
     except SystemExit as end:  # argparse
         code = end.code
     return REFUSED if code else 0

@@ -18,7 +18,7 @@ from scoring.protocol import ScoringError
 
 COMMANDS = (
     *("console", "watch", "engine", "run", "testbed"),
-    *("score", "eurobench", "report", "plan", "standings", "publish", "export"),
+    *("score", "report", "plan", "standings", "publish", "export"),
     *("table", "recover", "calibrate", "doctor", "settings", "guide"),
 )
 """In the order of the help; each is a file beside this one, `<name>_command.py`."""
@@ -58,10 +58,11 @@ def build_parser(names: Sequence[str] = COMMANDS) -> Parser:
     return parser
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None, parser: Parser | None = None) -> int:
+    """Carry out a command, or what another program's parser reads; returns the exit code."""
     with safe_output(), interruptible() as interruption:
         try:
-            return _main(sys.argv[1:] if argv is None else argv)
+            return _main(sys.argv[1:] if argv is None else argv, parser)
         except KeyboardInterrupt:
             return say_stopped()
         except Exception:
@@ -75,11 +76,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _FAILED
 
 
-def _main(words: Sequence[str]) -> int:
+def _main(words: Sequence[str], parser: Parser | None) -> int:
     named = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
     try:
         try:
-            arguments = build_parser(named).read(words)
+            arguments = (parser or build_parser(named)).read(words)
             find_runs(arguments)
             command: Main = arguments.main
             code = command(arguments)

@@ -1,4 +1,4 @@
-"""EUROBENCH's command line: four files in, eight files out."""
+"""EUROBENCH's program: four files in, eight files out."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from madrob_console.cli.__main__ import REFUSED, run_madrob
-from madrob_console.cli.main import main
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
 from tests.madrob_console.recorded_runs import recorded
@@ -63,11 +62,12 @@ def test_every_byte_is_that_of_the_published_scripts(
 
 
 def test_the_order_of_the_files_does_not_matter_where_their_headers_tell_them_apart(
-    files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    files: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
     told = set()
     for given in itertools.permutations(files):
-        assert main(["eurobench", *map(str, given), str(tmp_path)]) == 0
+        assert run(monkeypatch, *given, tmp_path) == 0
         told.add(capsys.readouterr().out)
     assert len(told) == 1
     assert "ruleset eurobench-2020" in told.pop()
