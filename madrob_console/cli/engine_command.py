@@ -119,7 +119,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         server, answer, holding = owns
         with imports_kept():
             from madrob_console.cli.session import open_engine, reporting_of
-            from madrob_console.engine.ipc.service import FallenThreads, begin_abort_over_ros
+            from madrob_console.engine.ipc.service import FallenThreads
             from madrob_console.engine.runtime.engine_thread import LocalEngine
             from madrob_console.engine.runtime.scoring_process import ScoringProcess
             from madrob_console.engine.runtime.supervisor import Supervisor
@@ -139,8 +139,6 @@ def _serve(arguments: argparse.Namespace) -> int:
         local = LocalEngine(engine, reporting, lambda: fallen.problem)
         repairing = threading.Timer(REPAIR_AFTER, local.repair)
         try:
-            if settings.ros.abort:
-                engine.source.offer_abort(lambda: begin_abort_over_ros(local))
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: server.over.put(None))
             answer = replace(answer, version=software_version(), testbed=engine.source.label)

@@ -12,7 +12,7 @@ from madrob_console.cli.safe_stream import raw
 PAGES = {
     "referee": "a run from set-up to signature, keys, protests, words",
     "testbed": "topics, settings, cameras, engine, service, security",
-    "robots": "what the referee publishes over ROS, abort",
+    "robots": "what the referee publishes over ROS",
     "data": "files, tables, scoring again, several testbeds",
     "library": "scoring arrays, tables, figures and bags from Python",
     "organiser": "teams, plan, standings, web pages, zips",

@@ -28,7 +28,6 @@ from madrob_console.config.tables import (
     PlanSettings,
     RecordingSettings,
     Results,
-    RosSettings,
     RunDefaults,
     Simulated,
     SourceSetting,
@@ -109,7 +108,6 @@ class Settings(SettingsTable, frozen=True):
     plan: PlanSettings = PlanSettings()
     start_poses: tuple[StartPoseSetting, ...] = DEFAULT_START_POSES
     testbed: SourceSetting = SourceSetting()
-    ros: RosSettings = RosSettings()
     topics: tuple[TopicSetting, ...] = ()
     thresholds: ThresholdSettings = ThresholdSettings()
     doubt: DoubtSettings = DoubtSettings()

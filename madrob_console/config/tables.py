@@ -200,12 +200,6 @@ class SourceSetting(SettingsTable, frozen=True):
             raise ValueError("kind: a replay needs its bag, use `--testbed replay PATH`")
 
 
-class RosSettings(SettingsTable, frozen=True):
-    """[ros]: what other programs of the ROS domain may do."""
-
-    abort: Annotated[bool, Meta(description="abort the run by the service `~/abort`")] = False
-
-
 _UNITS: dict[Signal, dict[str, float]] = {
     Signal.DOOR: {"rad": 1.0, "deg": math.pi / 180},
     Signal.HANDLE: {"N": 1.0, "gf": 0.00980665, "kgf": 9.80665},

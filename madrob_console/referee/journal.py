@@ -37,7 +37,7 @@ WITHDRAWN: Final = "withdrawn"
 
 
 class Origin(StrEnum):
-    """Who or what made something happen; `remote` is another program, over ROS."""
+    """Who or what made something happen; `remote` is the robot, over ROS."""
 
     REFEREE = "referee"
     REMOTE = "remote"

@@ -6,9 +6,9 @@ All three hand over the same `RawMessage`s, so that everything behind a source i
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from madrob_console.common.names import SourceKind
 from madrob_console.testbeds.announcement import SILENT, Announcement
@@ -92,24 +92,6 @@ class Source(ABC):
     def publish(self, message: RawMessage) -> None:  # noqa: B027  not abstract
         """Publishes on one of the console's own topics (protocol section 3); never waits."""
 
-    def offer_abort(self, begin_abort: BeginAbort) -> None:  # noqa: B027  not abstract
-        """Lets other programs of the testbed abort the run, where there are any."""
-
     @abstractmethod
     def close(self) -> None:
         """Disconnects."""
-
-
-@dataclass(frozen=True, slots=True)
-class CallAnswer:
-    """The outcome of a call; `message` is what a referee would read."""
-
-    success: bool
-    message: str
-
-
-LookForAnswer: TypeAlias = Callable[[], CallAnswer | None]
-"""Returns the answer of a call, None while there is none; never waits."""
-
-BeginAbort: TypeAlias = Callable[[], LookForAnswer]
-"""Has the run aborted. Called from any thread; never waits."""

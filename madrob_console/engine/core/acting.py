@@ -159,7 +159,7 @@ class Acting:
             current.begin_next()
             situation = replace(situation, run=current.run)
         run = act.apply(situation, now.time)
-        current.write(_line_of(act, run, now.time, request.origin))
+        current.write(_line_of(act, run, now.time))
         if Consequence.HANDLE_ZERO in act.consequences:
             current.zeroed = run.cleared
         if Consequence.NEW_RUN in act.consequences:
@@ -186,7 +186,7 @@ class Acting:
         else:
             act = act.settled(situation)
         request = replace(request, act=act, id=request.id or f"{round(now.time * 1e9):x}")
-        entry = _line_of(act, current.run, now.time, request.origin, request.id)
+        entry = _line_of(act, current.run, now.time, request.id)
         deadline = now.monotonic + DURABLE_WITHIN
         pending = _Pending(request, entry, deadline, _Wait.LINE, len(current.state.lines))
         self._pending = pending
@@ -230,9 +230,7 @@ class Acting:
         act, before = pending.request.act, pending.entry
         assert isinstance(act, Correct)
         pending.request = replace(pending.request, act=act.numbered(reserved.number))
-        pending.entry = _line_of(
-            pending.request.act, self._current.run, before.time, before.origin, before.id
-        )
+        pending.entry = _line_of(pending.request.act, self._current.run, before.time, before.id)
         pending.wait, pending.place = _Wait.LINE, len(self._current.state.lines)
         self._effects.append(WriteLine(pending.entry, awaited=True))
 
@@ -360,11 +358,11 @@ def _withdrawal(pending: _Pending, why: str, now: Now) -> Entry:
 
 def _abort_words(abort: DoAct, pending: _Pending) -> str:
     starts = Consequence.COUNTDOWN in pending.request.act.consequences
-    who = "the referee" if abort.origin is Origin.REFEREE else "an abort over ROS"
-    why = "aborted before the countdown began" if starts else f"taken back by {who}"
+    why = "aborted before the countdown began" if starts else "taken back by the referee"
     return f"{why}: {abort.act.reason_given}".rstrip(": ")
 
 
-def _line_of(act: Act, run: Run, at: float, origin: Origin, name: str = "") -> Entry:
-    referee = run.referee if origin is Origin.REFEREE else ""
-    return Entry(at, origin, act.name, referee, act.reason_given, act_details(act), name)
+def _line_of(act: Act, run: Run, at: float, name: str = "") -> Entry:
+    return Entry(
+        at, Origin.REFEREE, act.name, run.referee, act.reason_given, act_details(act), name
+    )

@@ -10,7 +10,7 @@ from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ScoringRequest
 from madrob_console.referee.acts import Act
 from madrob_console.referee.evidence_account import EvidenceAccount
-from madrob_console.referee.journal import Entry, Origin
+from madrob_console.referee.journal import Entry
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,6 @@ class DoAct:
     number: int
     act: Act
     id: str
-    origin: Origin
 
 
 @dataclass(frozen=True, slots=True)

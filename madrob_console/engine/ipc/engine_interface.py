@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.requests import NO_ANSWER, UNSURE, Request
-from madrob_console.referee.journal import Origin
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -73,7 +72,6 @@ class ServedEngine(Protocol):
         deadline: float | None = None,
         *,
         first: bool = True,
-        origin: Origin = Origin.REFEREE,
     ) -> Future[T]: ...
 
 

@@ -1,4 +1,4 @@
-"""What other programs hear of the engine: systemd, and who aborts over ROS.
+"""What systemd hears of the engine.
 
 The service manager is told by datagrams (sd_notify(3)). The watchdog hears of the core: a core
 that hangs is ended and started again; a disk that hangs is no reason.
@@ -11,20 +11,14 @@ import os
 import socket
 import sys
 import threading
-import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.engine.ipc.engine_interface import EngineClient, ServedEngine, given_up
-from madrob_console.engine.requests import NO_ANSWER, Perform
+from madrob_console.engine.ipc.engine_interface import EngineClient
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.referee.acts import Abort, Act
-from madrob_console.referee.journal import Origin
-from madrob_console.testbeds.source import CallAnswer, LookForAnswer
 
 HANGING = 2
 """A core that has not moved for longer hangs, s: the watchdog gets no more signs of life."""
@@ -104,38 +98,6 @@ def keep_told(
 
 def _faults(snapshot: Snapshot) -> list[str]:
     return [*filter(None, (snapshot.pulse.words,)), *snapshot.faults]
-
-
-def begin_abort_over_ros(engine: ServedEngine) -> LookForAnswer:
-    """Have the run aborted as the key does it, with the origin `remote`.
-
-    From any thread; never waits. The answer comes in time, whatever core and disk do.
-    """
-    act = Abort("called over ROS")
-    request = Perform.of(act)
-    answer = engine.begin_request(request, origin=Origin.REMOTE)
-    ends = time.monotonic() + request.timeout
-
-    def look() -> CallAnswer | None:
-        if answer.done():
-            return _answered(act, answer)
-        if time.monotonic() < ends:
-            return None
-        return CallAnswer(success=False, message=f"{act.name}: {given_up(answer)}")
-
-    return look
-
-
-def _answered(act: Act, answer: Future[str | None]) -> CallAnswer:
-    try:
-        refused = answer.result(0)
-    except CancelledError:
-        refused = NO_ANSWER
-    except MadrobError as error:
-        refused = str(error)
-    if refused is None:
-        return CallAnswer(success=True, message=f"Done: {act.done_text}")
-    return CallAnswer(success=False, message=f"Refused: {act.name}: {refused}")
 
 
 class FallenThreads:

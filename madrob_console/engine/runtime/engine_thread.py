@@ -39,7 +39,6 @@ from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import Pulse, Snapshot
 from madrob_console.referee.acts import act_named
 from madrob_console.referee.competition_plan import PlanProgress, plan_progress
-from madrob_console.referee.journal import Origin
 
 Done = Callable[[Any], None]
 
@@ -186,7 +185,6 @@ class LocalEngine:
         deadline: float | None = None,
         *,
         first: bool = True,
-        origin: Origin = Origin.REFEREE,
     ) -> Future[T]:
         """Have a request carried out; never waits.
 
@@ -196,7 +194,7 @@ class LocalEngine:
         if deadline is None:
             deadline = time.monotonic() + request.latest_begin
         try:
-            return self._carry_out(request, deadline, first=first, origin=origin)
+            return self._carry_out(request, deadline, first=first)
         except MadrobError as error:
             answer: Future[T] = Future()
             answer.set_exception(error)
@@ -205,9 +203,7 @@ class LocalEngine:
     def send_request(self, request: Request[T]) -> T:
         return awaited(self.begin_request(request), request.timeout)
 
-    def _carry_out(
-        self, request: Request[Any], deadline: float, *, first: bool, origin: Origin
-    ) -> Future[Any]:
+    def _carry_out(self, request: Request[Any], deadline: float, *, first: bool) -> Future[Any]:
         """The one place that knows what each request means."""
         engine = self._engine
 
@@ -217,7 +213,7 @@ class LocalEngine:
         match request:
             case Perform(name, details, number):
                 act = act_named(name, details)
-                return core(lambda done: engine.submit(act, done, id=number, origin=origin))
+                return core(lambda done: engine.submit(act, done, id=number))
             case NextRunNumber(subject, condition, practice):
                 return engine.next_run_number(subject, condition, practice=practice, first=first)
             case OpenRun(folder, invalid):

@@ -52,7 +52,6 @@ from madrob_console.messages.codec import begins_with_header
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Act, Situation
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
-from madrob_console.referee.journal import Origin
 from madrob_console.referee.run import Run
 from madrob_console.referee.team_list import NO_TEAMS, TeamList
 from madrob_console.testbeds.source import Source
@@ -441,7 +440,6 @@ class Engine:
         on_answer: OnAnswer,
         *,
         id: str = "",  # noqa: A002
-        origin: Origin = Origin.REFEREE,
     ) -> None:
         """Do an act, if it is possible: at once, or when its line is on disk.
 
@@ -450,7 +448,7 @@ class Engine:
         if self.replay is not None:
             on_answer(NO_ACTS)
         elif (number := self._requests.add(on_answer, id)) is not None:
-            self._feed(DoAct(number, act, id, origin))
+            self._feed(DoAct(number, act, id))
 
     def perform(self, act: Act) -> str | None:
         """Do an act as `submit` does, and step until it is answered; returns why it was refused."""

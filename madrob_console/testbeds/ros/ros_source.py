@@ -25,7 +25,6 @@ from madrob_console.messages.codec import (
 )
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.announcement import SILENT, Announcement
-from madrob_console.testbeds.ros.abort_service import AbortService
 from madrob_console.testbeds.ros.connection import (
     Connection,
     RosObject,
@@ -38,7 +37,7 @@ from madrob_console.testbeds.ros.subscriptions import arrivals, qos_profile
 from madrob_console.testbeds.ros.types import describe_registered, prefixes
 from madrob_console.testbeds.ros.watches import InfoWatch, RefereeWatch, console_name
 from madrob_console.testbeds.ros_domain import domain_id
-from madrob_console.testbeds.source import BeginAbort, Source, TopicStatus
+from madrob_console.testbeds.source import Source, TopicStatus
 from recorder.bag import RawMessage, Topic
 from scoring.protocol import Condition
 
@@ -138,7 +137,6 @@ class RosSource(Source):
         self._mailbox = Mailbox()
         self._connection: Connection | None = None
         self._console: RosObject = None
-        self._abort_service: AbortService | None = None
         self._publishers: dict[str, RosObject] = {}
         self._door: DoorParameters | None = None
         self._referees: RefereeWatch | None = None
@@ -257,15 +255,8 @@ class RosSource(Source):
                 self._referees.said.append(message.data)
             publisher.publish(message.data)
 
-    def offer_abort(self, begin_abort: BeginAbort) -> None:
-        if self._connection is not None and self._speaks and self._abort_service is None:
-            self._abort_service = AbortService(self._console, begin_abort)
-
     def close(self) -> None:
         """Leaves the ROS domain; messages that arrived before can still be taken."""
-        if self._abort_service is not None:
-            self._abort_service.close()
-            self._abort_service = None
         self._stop.set()
         thread, connection = self._thread, self._connection
         if thread is None or connection is None:

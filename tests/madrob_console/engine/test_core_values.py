@@ -142,7 +142,7 @@ class Values:
 
     def do(self, act: Act) -> list[Effect]:
         self.number += 1
-        return self.take(DoAct(self.number, act, "", Origin.REFEREE))
+        return self.take(DoAct(self.number, act, ""))
 
     def ready(self) -> None:
         self.do(SetUp(make_setup()))

@@ -283,22 +283,15 @@ def named(snapshot: Snapshot) -> bool:
 def test_each_of_two_engines_in_a_domain_names_the_other_until_it_is_killed(
     peer: Peer, ros_domain: int, tmp_path: Path
 ) -> None:
-    """One is as of another machine: no lock of this one keeps it out. The other offers an abort."""
+    """One is as of another machine: no lock of this one keeps it out."""
     clock, types = SystemClock(), MessageTypes()
     source = RosSource(DEFAULT_MAPPINGS, types, clock, ros_domain)
     config = EngineConfig(tmp_path / "own", DEFAULT_MAPPINGS, disk_needed=0)
     own = Engine(source, clock, config, types)
     with closing(LocalEngine(own, no_reporting(config.results))) as local:
-
-        def services() -> list[str]:
-            names = dict(peer.own.get_service_names_and_types())
-            return [name for name in names if name.endswith("/abort")]
-
         peer.until(lambda: peer.own.get_publishers_info_by_topic(REFEREE_STATE_TOPIC))
         assert not named(local.snapshot())
-        assert services() == []  # only where the settings allow it
-        with EngineProcess(tmp_path / "other", None, settings="[ros]\nabort = true\n") as other:
-            peer.until(services)
+        with EngineProcess(tmp_path / "other", None) as other:
             until(lambda: named(local.snapshot()) and named(other.snapshot()), BUSY)
             for engine in (local, other.client):
                 assert engine.send_request(Perform.of(SetUp(make_setup()))) is None
