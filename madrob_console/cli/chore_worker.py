@@ -1,8 +1,7 @@
-"""`python -m madrob_console.cli.chore_worker [--guarded] HANDLE`: work of low priority.
+"""`python -m madrob_console.cli.chore_worker HANDLE`: work of low priority.
 
 It does the chores that the engine asks for over the socket with this handle, one after the other.
-When the engine has ended, it finishes those it has got. `--guarded`: the programs that it starts
-end with it.
+When the engine has ended, it finishes those it has got.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
-from madrob_console.cli.guarded import ENDING, TerminatedError, guarded, run_command
 from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.common.errors import MadrobError
 from madrob_console.engine.runtime.reports import Chore, ChoreKind, ChoreOutcome
@@ -29,22 +27,28 @@ NICENESS = 10
 
 _AGAIN = 0.5  # s
 
+_ENDING = (signal.SIGTERM, signal.SIGALRM)
+"""Signals at which the process leaves its work."""
+
+
+class TerminatedError(BaseException):
+    """A run begins: what is under way leaves no half-written file behind."""
+
 
 def main() -> int:
-    *options, handle = sys.argv[1:]
     os.nice(NICENESS)
-    return guarded(lambda: work(int(handle))) if options else work(int(handle))
+    return work(int(sys.argv[1]))
 
 
 def work(handle: int) -> int:
     """Do what the engine asks for until it ends; the exit code of this process."""
     try:
         try:
-            for number in ENDING:
+            for number in _ENDING:
                 signal.signal(number, _end)
             answer_questions(handle, carry_out)
         finally:  # one that comes now is caught below, a later one has nothing to end
-            for number in ENDING:
+            for number in _ENDING:
                 signal.signal(number, signal.SIG_IGN)
     except TerminatedError:
         signal.setitimer(signal.ITIMER_REAL, 0)
@@ -97,8 +101,6 @@ def _done(chore: Chore) -> tuple[int, Sequence[Path]]:
         case ChoreKind.PICTURES:
             _, at, output = chore.arguments
             problems = write_frames(folder, at, Path(output))
-        case ChoreKind.COMMAND:
-            return run_command(chore.arguments), ()
         case _:
             return madrob([chore.kind.value, *chore.arguments]), ()
     for problem in problems:

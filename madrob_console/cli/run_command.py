@@ -140,7 +140,7 @@ def run(arguments: argparse.Namespace) -> int:
     engine.set_plan(plan)
     reports = settings.results.reports and not arguments.no_report
     reporting = None
-    if reports or settings.results.publish or settings.results.command_words:
+    if reports or settings.results.publish:
         reporting = reporting_of(arguments, settings, engine, reports=reports)
     rehearsal = is_rehearsal(settings.competition.name)
     unattended = UnattendedRun(engine, reporting)

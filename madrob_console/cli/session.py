@@ -113,7 +113,6 @@ def reporting_of(
         reports,
         site_arguments(arguments, settings),
         named_places(arguments, settings),
-        settings.results.command_words,
     )
     return Reporting(chore_worker.COMMAND, engine.config.results, wanted)
 

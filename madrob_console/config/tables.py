@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import shlex
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -330,26 +329,11 @@ class Results(SettingsTable, frozen=True):
     publish: Annotated[
         str, Meta(description="folder of the competition's pages, written again after every result")
     ] = ""
-    command: Annotated[
-        str, Meta(description="program that gets the run's folder after every result, for 60 s")
-    ] = ""
 
     def __post_init__(self) -> None:
         _demand_whole_path("folder", self.folder)
         if self.publish:
             _demand_whole_path("publish", self.publish)
-        try:
-            shlex.split(self.command)
-        except ValueError as error:
-            raise ValueError(f"command: {error}") from None
-
-    @property
-    def command_words(self) -> tuple[str, ...]:
-        home = str(Path.home())
-        return tuple(
-            word.replace("~", home, 1) if word.startswith("~/") else word
-            for word in shlex.split(self.command)
-        )
 
     @property
     def root(self) -> Path:

@@ -51,8 +51,6 @@ class ChoreKind(StrEnum):
     """`madrob publish`: a folder for the pages and where the runs are follow."""
     MISSING = "missing"
     """Make the report of an earlier run that has none: its folder follows."""
-    COMMAND = "command"
-    """The command of [results]: its words and the folder of a run follow."""
 
 
 _URGENCY = {kind: number for number, kind in enumerate(ChoreKind)}
@@ -69,7 +67,7 @@ class Chore:
     @property
     def place(self) -> Path:
         """The folder that it is for: of a run, of results or of the pages."""
-        return Path(self.arguments[-1 if self.kind is ChoreKind.COMMAND else 0])
+        return Path(self.arguments[0])
 
 
 class ChoreOutcome(msgspec.Struct, frozen=True):
@@ -148,13 +146,11 @@ class WantedPages:
         reports: whether a run's report is made after each of its results.
         publish: of `madrob publish`, after each result; empty = no pages are wanted.
         options: of `madrob export`: results folder, settings.
-        command: words of a command that is run with the run's folder after each result.
     """
 
     reports: bool = True
     publish: Sequence[str] = ()
     options: Sequence[str] = ()
-    command: Sequence[str] = ()
 
 
 EVERY_REPORT = WantedPages()
@@ -164,7 +160,6 @@ _UNMADE = {
     ChoreKind.MISSING: "no report of {place.name}: {why}",
     ChoreKind.PUBLISH: "the pages in {place} are not up to date: {why}",
     ChoreKind.REPAIR: "results or reports in {place} are not up to date: {why}",
-    ChoreKind.COMMAND: "the command of [results] failed: {why}",
 }
 """What screens show of a chore that was not done."""
 
@@ -176,7 +171,7 @@ class _Unmade(NamedTuple):
 
 
 class Reporting:
-    """Has reports, pages and zips made in the background, and the command of [results] run.
+    """Has reports, pages and zips made in the background.
 
     A chore that a run, a crash or a full disk cut short is done again.
 
@@ -200,10 +195,7 @@ class Reporting:
         self._unmade: dict[str, _Unmade] = {}
         self._lock = threading.Lock()  # of `_unmade`, for those who change it
         self._pages = ChoreWorker(command, "reports, pages and zips")
-        # a process of its own: a command may hang
-        hook = ChoreWorker((*command, "--guarded"), "command of [results]")
-        self.workers: tuple[ChoreWorker, ...]
-        self.workers = (self._pages, hook) if wanted.command else (self._pages,)
+        self.workers = (self._pages,)
 
     def hold(self, *, held: bool) -> None:
         """Make nothing while a run goes on. From any thread."""
@@ -213,12 +205,8 @@ class Reporting:
     def report(self, folder: Path) -> None:
         """Make the report of a run anew, if it is wanted; the latest result counts.
 
-        Then all else that is out of date, as reports of runs that are compared with it. Beside it
-        the command of the settings is run.
+        Then all else that is out of date, as reports of runs that are compared with it.
         """
-        if self._wanted.command:
-            words = (*self._wanted.command, str(folder.absolute()))
-            self._submit(f"command {folder.name}", ChoreKind.COMMAND, *words)
         if self._wanted.reports:
             self._submit(f"report {folder.name}", ChoreKind.REPORT, str(folder))
         self._submit("repair", ChoreKind.REPAIR, str(self._results))
@@ -297,7 +285,7 @@ class Reporting:
         self, name: str, kind: ChoreKind, *arguments: str, pause: float = 0.0, anew: bool = True
     ) -> None:
         """Have a chore done, `anew` in place of one of this name that waits."""
-        worker = self.workers[-1] if kind is ChoreKind.COMMAND else self._pages
+        worker = self._pages
         before = [each.answer for each in worker.questions() if each.content.name == name]
         if not anew and (worker.is_over or not all(answer.done() for answer in before)):
             return  # what an engine that ends leaves unmade the next one makes
