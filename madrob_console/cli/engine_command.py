@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import threading
 from contextlib import ExitStack
@@ -75,22 +74,6 @@ def _stop(arguments: argparse.Namespace) -> int:
 
 
 @command(
-    "unit",
-    "print a systemd service that runs the engine",
-    options=(
-        Argument("--system", action="store_true", help="of the system, not of the user's login"),
-        *options.TESTBED,
-        *_LISTS,
-    ),
-    examples=("madrob engine unit --testbed ros",),
-)
-def _unit(arguments: argparse.Namespace) -> int:
-    from madrob_console.cli.engine_unit import print_unit
-
-    return print_unit(arguments)
-
-
-@command(
     "serve",
     "run the engine in the foreground, for systemd",
     "Exit code 0 it was ended, or nobody needed it any more; 1 it failed; 2 bad input, or another "
@@ -102,12 +85,11 @@ def _serve(arguments: argparse.Namespace) -> int:
     from msgspec.structs import replace
 
     from madrob_console.cli.attaching import TAKEN, owned_testbed
-    from madrob_console.cli.running_engines import owning, run_words
+    from madrob_console.cli.running_engines import owning
     from madrob_console.engine.ipc import wire
     from madrob_console.engine.ipc.engine_lock import HeldError
-    from madrob_console.engine.ipc.service import ServiceManager, keep_told
+    from madrob_console.engine.ipc.service import wait_for_end
 
-    manager = ServiceManager(os.environ)
     settings = option_values.settings_of(arguments)
     owned = owned_testbed(arguments, settings)
     with ExitStack() as stack:
@@ -144,10 +126,9 @@ def _serve(arguments: argparse.Namespace) -> int:
             answer = replace(answer, version=software_version(), testbed=engine.source.label)
             server.admit_screens(local, answer, _idle_time(arguments, settings, engine.source.kind))
             repairing.start()
-            keep_told(manager, local, run_words, server.over)
+            wait_for_end(local, server.over)
         finally:
             repairing.cancel()
-            manager.send_assignments("STOPPING=1")
             server.dismiss_screens()
             local.close()
             if engine.disk_silence:
@@ -162,7 +143,7 @@ engine = MadrobCommand(
     "the process behind the screens: is it there, stop it, run it",
     "`madrob console` starts it by itself.",
     examples=("madrob engine status", "madrob engine stop --testbed simulated"),
-    parts=(_status, _stop, _serve, _unit),
+    parts=(_status, _stop, _serve),
 )
 
 
