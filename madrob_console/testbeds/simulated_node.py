@@ -8,7 +8,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 
 from msgspec import structs
@@ -142,9 +142,6 @@ class DoorNode:
     def _announce(self, source: SimulatedSource) -> None:
         text = encode_text(MessageTypes(), info_text(source.testbed.scenario))
         self._keep_saying(INFO_TOPIC, INFO_TYPE, text)
-        with suppress(MadrobError):  # the wheels of ROS have no tf2_msgs
-            for message in source.announcement.messages:
-                self._keep_saying(message.topic, message.type, message.data)
 
     def _keep_saying(self, topic: str, type_name: str, data: bytes) -> None:
         """Publishes a message that late joiners get, too."""

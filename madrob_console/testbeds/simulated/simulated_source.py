@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from operator import attrgetter
 from random import Random
 
@@ -23,18 +22,14 @@ from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.announcement import Announcement
 from madrob_console.testbeds.simulated.encoder import Encoder
 from madrob_console.testbeds.simulated.sensor_frames import (
-    FRAMES_TOPIC,
-    FRAMES_TYPE,
-    encode_frames,
     frame_name,
     scan_angles,
 )
 from madrob_console.testbeds.simulated.testbed import RefereeState, SimulatedTestbed, parse_state
 from madrob_console.testbeds.source import Source, TopicStatus
-from recorder.bag import Durability, Qos, RawMessage, Topic
+from recorder.bag import RawMessage, Topic
 from scoring.protocol import Condition
 
-_KEPT = Qos(durability=Durability.TRANSIENT_LOCAL)
 _LARGEST_JITTER = 0.2
 """As a fraction of the period between two readings."""
 _PUBLISHING_NS = 50_000
@@ -74,7 +69,6 @@ class SimulatedSource(Source):
         self._streams = tuple(_Stream(m, types, self.testbed) for m in self._mappings)
         self._topics = (
             *(describe_topic(types, m.topic, m.type) for m in self._mappings),
-            describe_topic(types, FRAMES_TOPIC, FRAMES_TYPE, _KEPT),
             *referee_topics(types),
         )
         self._types = types
@@ -89,9 +83,6 @@ class SimulatedSource(Source):
     def open(self) -> None:
         if not self._opened:
             self._opened = True
-            now, geometry = self._clock.now_ns(), self.testbed.geometry
-            frames = encode_frames(self._types, geometry, now)
-            self._announcement = replace(self._announcement, messages=(frames,))
             self._switch_on()
 
     def take_messages(self, timeout: float) -> list[RawMessage]:

@@ -9,16 +9,15 @@ import pytest
 from madrob_console.common.clock import NS, Clock, VirtualClock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, TopicMapping
-from madrob_console.messages.message_types import Message, MessageTypes
+from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.simulated import (
     DoorGeometry,
     Scenario,
     SensorSettings,
     SimulatedTestbed,
 )
-from madrob_console.testbeds.simulated.sensor_frames import FRAMES_TOPIC
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from recorder.bag import Durability, RawMessage
+from recorder.bag import RawMessage
 from scoring.events import EventDetector
 from scoring.procedure import follow_procedure
 from scoring.protocol import (
@@ -371,21 +370,3 @@ def test_a_stepped_clock_neither_floods_nor_silences_and_sends_nothing_twice(ste
     assert abs(seconds(messages[-1].receive_ns - clock.now_ns())) < 0.1
     stamps = [m.publish_ns for m in messages if m.topic == DOOR_TOPIC]
     assert all(b - a > nanoseconds(0.01) for a, b in pairwise(stamps)), "once each"
-
-
-def transforms(messages: list[Message]) -> dict[str, Message]:
-    """The transforms of the only message of them, by frame."""
-    (message,) = messages
-    return {stamped.child_frame_id: stamped for stamped in message.transforms}
-
-
-def test_every_message_has_a_frame_and_all_of_them_hang_on_the_door() -> None:
-    source = simulated()
-    announced = [TYPES.decode(m.type, m.data) for m in source.announcement.messages]
-    found = transforms(announced)
-    assert {stamped.header.frame_id for stamped in found.values()} == {"madrob_door"}
-    sent = (TYPES.decode(m.type, m.data) for m in source.take_messages(0.1))
-    assert {message.header.frame_id for message in sent} == {"madrob_door", *found}
-    (topic,) = (topic for topic in source.topics() if topic.name == FRAMES_TOPIC)
-    assert topic.qos.durability is Durability.TRANSIENT_LOCAL
-    assert topic.type_hash.startswith("RIHS01_")
