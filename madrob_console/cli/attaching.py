@@ -198,7 +198,7 @@ def option_words(arguments: argparse.Namespace, names: Iterable[str]) -> Iterato
 
 def engine_options(arguments: argparse.Namespace) -> list[str]:
     names = ("domain", "results", "rehearsal", "settings", "teams", "plan", "idle_time")
-    words = [*option_words(arguments, (*options.SIMULATION, *names, "use_sim_time"))]
+    words = [*option_words(arguments, (*options.SIMULATION, *names))]
     if arguments.testbed is not None:
         words += ["--testbed", *arguments.testbed]
     return [*words, "--ros-args", *arguments.ros_args] if arguments.ros_args else words

@@ -167,8 +167,7 @@ ROS_ARGS = Argument(
     nargs=argparse.REMAINDER,
     default=[],
     metavar="...",
-    help="at the end, as of any ROS node: `-r __ns:=/hall2`, `-r FROM:=TO`, "
-    "`-p use_sim_time:=true`",
+    help="at the end, as of any ROS node: `-r __ns:=/hall2`, `-r FROM:=TO`",
 )
 TESTBED = (
     Argument(
@@ -188,12 +187,6 @@ TESTBED = (
         help="of a simulation or replay: 1 = real time, 0 = as fast as possible",
     ),
     DOMAIN,
-    Argument(
-        "--use-sim-time",
-        action="store_true",
-        help="follow `/clock` of a simulation over ROS, every run is practice; else setting "
-        "`testbed.use_sim_time`",
-    ),
     *RESULTS,
     SETTINGS,
     ROS_ARGS,

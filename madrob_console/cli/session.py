@@ -13,7 +13,7 @@ from typing import assert_never
 
 from madrob_console.cli import chore_worker, option_values
 from madrob_console.cli.chosen_runs import named_places, site_arguments
-from madrob_console.common.clock import Clock, SimulationClock, SystemClock, VirtualClock
+from madrob_console.common.clock import Clock, SystemClock, VirtualClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.config import Settings
@@ -76,7 +76,7 @@ def open_engine(
                 simulated, clock, config, types, disk=DiskThreads.threads(), scorer=scorer
             )
         case SourceKind.ROS:
-            clock = SimulationClock() if _follows(arguments, settings) else SystemClock()
+            clock = SystemClock()
             source = _ros_source(arguments, settings, types, clock)
             return Engine(
                 source,
@@ -89,16 +89,6 @@ def open_engine(
             )
         case _:
             assert_never(kind)
-
-
-def _follows(arguments: argparse.Namespace, settings: Settings) -> bool:
-    """Whether the engine follows the time of a simulation, `/clock`."""
-    from madrob_console.testbeds.ros import asks_for_sim_time
-
-    if arguments.use_sim_time or settings.testbed.use_sim_time:
-        return True
-    domain = domain_id(option_values.ros_domain(arguments, settings), os.environ)
-    return asks_for_sim_time(domain, arguments.ros_args)
 
 
 def reporting_of(

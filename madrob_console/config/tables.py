@@ -188,9 +188,6 @@ class SourceSetting(SettingsTable, frozen=True):
         ]
         | None
     ) = None
-    use_sim_time: Annotated[
-        bool, Meta(description="follow `/clock` of a simulation over ROS; every run is practice")
-    ] = False
 
     def __post_init__(self) -> None:
         if self.name is not None:

@@ -79,7 +79,6 @@ class Readings:
         least_evidence: how long evidence must fit, s; None = no evidence is wanted.
         least_skew: the smallest of the last second on the topic where that is largest.
         usual: the set-up of the run with the values of the settings; None = no run is set up.
-        simulated_time: `/clock` - log time; None = nobody publishes it.
     """
 
     topic_faults: tuple[str, ...]
@@ -100,7 +99,6 @@ class Readings:
     evidence: EvidenceState | None = None
     least_evidence: float | None = None
     least_skew: float | None = None
-    simulated_time: float | None = None
     teams: TeamList = NO_TEAMS
     plan: Plan = NO_PLAN
     usual: RunSetup | None = None
@@ -266,15 +264,9 @@ def _clock(r: Readings) -> Check:
 
 
 def _another_clock(r: Readings) -> str | None:
-    off, simulated = r.least_skew or 0.0, r.simulated_time
-    close = min(1.0, abs(off) / 2)  # a simulation that runs fast leaves its last second behind
-    if simulated is not None and abs(off - simulated) < close and abs(off) >= r.largest_skew:
-        return "start the engine again with --use-sim-time: stamps are of simulated time"
-    if abs(off) <= _ANOTHER_CLOCK:
+    if abs(r.least_skew or 0.0) <= _ANOTHER_CLOCK:
         return None
-    if simulated is not None and abs(simulated) < r.largest_skew:
-        return "stamp by /clock, or leave out --use-sim-time: stamps of another clock"
-    return "set the clock, or use --use-sim-time: stamps are of another clock"
+    return "set the clock: stamps are of another clock"
 
 
 _LOOK = "look at the results folder"

@@ -25,14 +25,12 @@ class Announcement:
     """What a testbed announces about itself.
 
     A simulated one says in `simulated` what it plays; every run on it is practice. `messages` are
-    kept for recordings. `simulated_time` is `/clock` less the engine's clock, s; None = no
-    `/clock`.
+    kept for recordings.
     """
 
     simulated: str | None = None
     problem: str | None = None
     messages: tuple[RawMessage, ...] = ()
-    simulated_time: float | None = None
 
 
 SILENT = Announcement()

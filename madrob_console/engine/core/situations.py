@@ -57,7 +57,6 @@ class SituationFactory:
             occupied=sensors.occupied(taken),
             skew=sensors.skew(taken),
             least_skew=sensors.skew(taken, min),
-            simulated_time=testbed.announcement.simulated_time,
             largest_skew=config.thresholds.largest_skew,
             disk_free=now.disk.free,
             disk_needed=config.disk_needed,

@@ -14,12 +14,10 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument("namespace", default_value="/"),
-            DeclareLaunchArgument("use_sim_time", default_value="false"),
             Node(
                 executable="madrob",
                 arguments=["engine", "serve", "--testbed", "ros"],
                 namespace=LaunchConfiguration("namespace"),
-                parameters=[{"use_sim_time": LaunchConfiguration("use_sim_time")}],
                 output="screen",
             ),
         ]

@@ -3,7 +3,6 @@
 rclpy is loaded when a source is opened, never on import: the console runs without ROS.
 """
 
-from madrob_console.testbeds.ros.connection import asks_for_sim_time
 from madrob_console.testbeds.ros.ros_source import RosSource
 
-__all__ = ["RosSource", "asks_for_sim_time"]
+__all__ = ["RosSource"]

@@ -183,14 +183,6 @@ class Connection:
         return MadrobError(f"ROS does not start in domain {self._domain} ({first}){remedy}")
 
 
-def asks_for_sim_time(domain: int, ros_args: Sequence[str]) -> bool:
-    """Whether ROS arguments set the parameter `use_sim_time`, by themselves or in a file."""
-    if not any(word.startswith(("-p", "--param")) for word in ros_args):
-        return False
-    with node_of_arguments(domain, ros_args) as node:
-        return bool(node.get_parameter("use_sim_time").value)
-
-
 @contextmanager
 def node_of_arguments(domain: int, ros_args: Sequence[str]) -> Iterator[RosObject]:
     """A node that is there only to say what ROS arguments mean."""

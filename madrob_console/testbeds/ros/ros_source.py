@@ -110,8 +110,8 @@ class RosSource(Source):
     """The testbed over ROS 2.
 
     A thread of its own empties the subscriptions at 50 Hz; the engine's calls never wait for ROS.
-    Discovery range and middleware are the user's environment. `/clock` sets the clock of a
-    simulation. A source that does not speak only listens, and other referees do not see it.
+    Discovery range and middleware are the user's environment. A source that does not speak only
+    listens, and other referees do not see it.
     A domain that does not exist raises MadrobError.
     """
 
@@ -191,7 +191,7 @@ class RosSource(Source):
         }
         self._door = DoorParameters(connection.node("parameters", beside=console))
         self._referees = RefereeWatch(console, listener, speaks=self._speaks)
-        self._info = InfoWatch(listener, self._types, self._clock)
+        self._info = InfoWatch(listener, self._types)
         describe = partial(describe_registered, self._types, prefixes(self._environment))
         remedy = "correct the robot's program"
         self._robot = tuple(
@@ -282,7 +282,7 @@ class RosSource(Source):
     ) -> None:
         discover_at = 0.0
         while not self._stop.is_set():
-            self._failing = info.clock_problem
+            self._failing = None
             if time.monotonic() >= discover_at:
                 discover_at = time.monotonic() + _DISCOVERY
                 for intake in self._intakes:
@@ -290,7 +290,6 @@ class RosSource(Source):
                 self._try(door.poll)
                 self._try(referees.look_at_graph)
                 self._try(info.take_info)
-            self._try(info.hear_clock)
             self._mailbox.put_messages(self._try(self._take) or [])
             self._failure = self._failing
             if not door.pending:

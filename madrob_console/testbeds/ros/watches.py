@@ -6,21 +6,17 @@ import hashlib
 import os
 import re
 import socket
-import time
 from collections import deque
 from collections.abc import Collection, Iterable
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from madrob_console.common.clock import Clock, SimulationClock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.messages.codec import (
     REFEREE_STATE_TOPIC,
     decode_text,
     describe_topic,
-    header_stamp,
 )
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.announcement import (
@@ -32,8 +28,8 @@ from madrob_console.testbeds.announcement import (
     simulated_in,
 )
 from madrob_console.testbeds.ros.connection import RosObject, in_namespace, load_message_class
-from madrob_console.testbeds.ros.subscriptions import Inbox, Received, arrival
-from recorder.bag import Durability, Qos, RawMessage, Reliability, Topic
+from madrob_console.testbeds.ros.subscriptions import Inbox, Received
+from recorder.bag import Durability, Qos, RawMessage, Topic
 
 _OURS = re.compile(r"console_(?P<host>\w+)_(?P<pid>\d+)_(?P<machine>[0-9a-f]{6})", re.ASCII)
 _NAMELESS = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_", "")
@@ -131,7 +127,6 @@ def _in_words(namespace: str, name: str) -> str:
 _DEPTH = 10
 """Messages that DDS keeps between two looks; more only repeat themselves."""
 
-_CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 _LATCHED = Qos(durability=Durability.TRANSIENT_LOCAL)
 
 
@@ -139,30 +134,20 @@ class InfoWatch:
     """Listens to `/madrob/testbed/info`, which late joiners hear, too.
 
     An announcement holds as long as a possible publisher is there. Of several testbeds, one that is
-    simulated is enough. A simulation's `/clock` sets the engine's clock where that is a
-    `SimulationClock`, and makes every run practice. `clock_problem` says why the clock cannot
-    follow it.
+    simulated is enough.
     """
 
-    def __init__(self, node: RosObject, types: MessageTypes, clock: Clock) -> None:
-        self.clock_problem: str | None = None
+    def __init__(self, node: RosObject, types: MessageTypes) -> None:
         self._said = SILENT
-        self._clock = clock
-        self._simulated_time: float | None = None
         self.topic: Topic = describe_topic(types, INFO_TOPIC, INFO_TYPE, _LATCHED)
         self._types = types
         message_class = load_message_class(INFO_TYPE)
         self._inbox = Inbox(node, message_class, INFO_TOPIC, _LATCHED, depth=_DEPTH)
-        message_class, qos = load_message_class(_CLOCK_TYPE), Qos(Reliability.BEST_EFFORT)
-        self._clock_inbox = Inbox(node, message_class, "/clock", qos, depth=1)
 
     @property
     def heard(self) -> Announcement:
         """The announcement. May be read from any thread."""
-        simulated = self._said.simulated or (
-            "time of /clock" if isinstance(self._clock, SimulationClock) else None
-        )
-        return replace(self._said, simulated=simulated, simulated_time=self._simulated_time)
+        return self._said
 
     def take_info(self) -> None:
         heard = self._inbox.take_messages()
@@ -174,26 +159,8 @@ class InfoWatch:
             if publishers < 2 or self._said.simulated is None:
                 self._said = news
 
-    def hear_clock(self) -> None:
-        """Takes messages of `/clock`; call it as often as messages are taken."""
-        heard, clock = self._clock_inbox.take_messages(), self._clock
-        if not self._clock_inbox.publishers:
-            self._simulated_time = None
-        elif heard and (told := header_stamp(heard[-1].data)) is not None:
-            now = clock.now_ns()
-            age = now - arrival(heard[-1].received_ns, now, time.time_ns())
-            if isinstance(clock, SimulationClock):
-                clock.hear(nanoseconds(told), age)
-            self._simulated_time = told - seconds(clock.now_ns() - age)
-        self.clock_problem = (
-            "/clock is silent: start the simulation"
-            if isinstance(clock, SimulationClock) and clock.silent
-            else None
-        )
-
     def close(self) -> None:
         self._inbox.close()
-        self._clock_inbox.close()
 
     def _understood(self, received: Received) -> Announcement:
         size = len(received.data)

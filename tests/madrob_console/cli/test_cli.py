@@ -94,8 +94,6 @@ def typed(*words: str) -> argparse.Namespace:
             {"ros_args": REMAPPED, "testbed": ["ros"], "domain": 7},
         ),
         (["--testbed=simulated", "--scenario=slow"], {"scenario": Scenario.SLOW}),
-        (["--testbed=ros", "--use-sim-time"], {"use_sim_time": True}),
-        ([], {"use_sim_time": False}),
     ],
 )
 def test_the_engine_that_a_console_starts_has_what_was_given(

@@ -625,7 +625,7 @@ def test_what_is_shown_and_checked_is_what_is_known(values: Values) -> None:
         SourceKind.ROS,
         "hall",
         (status(publishers=2),),
-        Announcement(simulated_time=1.0),
+        Announcement(),
         other_referee="node b",
         robot_problems={"/robot": "two robots"},
     )

@@ -12,136 +12,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.cli.main import main
-from madrob_console.common.clock import NS, Clock, SimulationClock, SystemClock
+from madrob_console.common.clock import NS, Clock
 from madrob_console.config.settings import parse_settings
-from madrob_console.engine.core.engine_config import EngineConfig
-from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping, describe_topic
 from madrob_console.messages.message_types import Message, MessageTypes
-from madrob_console.referee.acts import Abort, Start, Waive
+from madrob_console.referee.acts import Start, Waive
 from madrob_console.referee.records import CheckName
-from madrob_console.referee.run import Phase
-from madrob_console.testbeds.announcement import Announcement
 from madrob_console.testbeds.ros.subscriptions import arrivals
-from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
+from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import RawMessage, Topic
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Outcome, Signal
+from scoring.protocol import Signal
 from scoring.result import Result
 from tests.madrob_console.engine.drive import Drive, FaultyDrive, make_setup
-from tests.madrob_console.engine.machine_time import Machine
 from tests.madrob_console.engine.spoilt import HANDLE, Edit, Fault, shift_stamp
 from tests.test_papers import ROOT, fenced
 
 BEGIN = 100 * NS
-
-
-@pytest.fixture
-def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
-    machine = Machine()
-    monkeypatch.setattr("madrob_console.common.clock.time", machine)
-    return machine
-
-
-class World(SystemClock):
-    """The time in a simulation, which may be paused.
-
-    Args:
-        pace: so many times as fast as the machine's clock.
-    """
-
-    def __init__(self, pace: float = 1.0) -> None:
-        super().__init__()
-        self.pace = pace
-        self.hold_steady()
-        self.begin_anew()
-
-    def begin_anew(self) -> None:
-        self._now = BEGIN
-
-    def now_ns(self) -> int:
-        return self._now
-
-    def sleep(self, duration: float) -> None:
-        super().sleep(duration)
-        self._now += round(duration * self.pace * NS)
-
-
-def follow(
-    clock: SimulationClock, world: World, duration: float, period: float = 0.1
-) -> list[float]:
-    """Listen for so many seconds of the machine; how far off the clock was every 10 ms, s."""
-    off = []
-    for n in range(round(duration / 0.01)):
-        if n % round(period / 0.01) == 0:
-            clock.hear(world.now_ns(), 0)
-        off.append((clock.now_ns() - world.now_ns()) / NS)
-        world.sleep(0.01)
-    return off
-
-
-@pytest.mark.parametrize("pace", [0.05, 0.5, 1.0, 3.0])
-def test_it_goes_as_the_simulation_goes_between_two_of_its_words_too(
-    pace: float, machine: Machine
-) -> None:
-    clock, world = SimulationClock(), World(pace)
-    follow(clock, world, 10.0)
-    assert max(map(abs, follow(clock, world, 10.0))) < 0.005
-    world.pace = pace / 2
-    assert max(map(abs, follow(clock, world, 1.0))) < 0.1 * max(1.0, pace)
-    assert max(map(abs, follow(clock, world, 20.0)[1000:])) < 0.005
-    assert not clock.silent
-
-
-def test_what_was_said_some_time_ago_is_not_taken_for_now(machine: Machine) -> None:
-    clock, world = SimulationClock(), World(0.5)
-    for _ in range(200):
-        told = world.now_ns()
-        world.sleep(0.04)
-        clock.hear(told, 40_000_000)
-    assert clock.now_ns() == pytest.approx(world.now_ns(), abs=1_000_000)
-
-
-def test_a_simulation_that_stands_lets_time_go_on_and_is_followed_again_later(
-    machine: Machine,
-) -> None:
-    clock, world = SimulationClock(), World()
-    follow(clock, world, 3.0)
-    clock.hold_steady()
-    world.pace = 0.0
-    off = follow(clock, world, 30.0)
-    assert clock.silent
-    assert 27.0 < off[-1] < 31.0
-    world.pace = 1.0
-    off = follow(clock, world, 5.0)
-    assert max(off) - min(off) < 0.2  # a bag is open: nothing goes back
-    clock.release()
-    assert max(map(abs, follow(clock, world, 5.0)[50:])) < 0.01
-
-
-@given(
-    st.lists(
-        st.tuples(st.integers(-(10**12), 10**12), st.integers(0, NS), st.floats(0, 3)), max_size=30
-    )
-)
-def test_whatever_a_simulation_says_a_held_clock_never_goes_back(
-    said: list[tuple[int, int, float]],
-) -> None:
-    with pytest.MonkeyPatch.context() as patched:
-        machine = Machine()
-        patched.setattr("madrob_console.common.clock.time", machine)
-        clock = SimulationClock()
-        clock.hear(BEGIN, 0)
-        clock.hold_steady()
-        read = [clock.now_ns()]
-        for told, age, pause in said:
-            clock.hear(told, age)
-            read.append(clock.now_ns())
-            machine.sleep(pause)
-            read.append(clock.now_ns())
-    assert all(earlier <= later for earlier, later in pairwise(read))
 
 
 PERIOD = NS // 50
@@ -169,93 +58,11 @@ def test_arrivals_are_steady_whenever_the_clock_that_notes_them_is_stepped(
     assert max(errors) <= (max(wait, PERIOD) if len({*ahead}) > 1 else 0)
 
 
-class InWorld(SimulatedSource):
-    """A testbed on simulated time, and `/clock`."""
-
-    def __init__(self, clock: SimulationClock, world: World) -> None:
-        super().__init__(SimulatedTestbed(Scenario.NOMINAL, 0), world, MessageTypes())
-        self._engine_clock = clock
-
-    def take_messages(self, timeout: float) -> list[RawMessage]:
-        messages = super().take_messages(timeout)
-        self._engine_clock.hear(self._clock.now_ns(), 0)
-        return messages
-
-
-class WorldDrive(Drive):
-    def __init__(self, results: Path, world: World) -> None:
-        clock = SimulationClock()
-        config = EngineConfig(results, DEFAULT_MAPPINGS, lossless=True, disk_needed=0)
-        self.engine = Engine(InWorld(clock, world), clock, config, MessageTypes())
-        self.engine.open()
-        self.engine.step(0.02)  # from here on it is simulated time
-
-
-@pytest.mark.parametrize("pace", [0.5, 2.0])
-def test_a_timeout_is_simulated_time(pace: float, machine: Machine, tmp_path: Path) -> None:
-    drive = WorldDrive(tmp_path, World(pace))
-    drive.start(make_setup(timeout=8.0))
-    began = machine.monotonic_ns()
-    drive.finish()
-    run = drive.engine.run
-    assert (run.outcome, run.stop) == (Outcome.TIMEOUT, drive.start_time + 8.0)
-    assert (machine.monotonic_ns() - began) / NS == pytest.approx((8.0 + 1.1) / pace, rel=0.1)
-
-
-def test_a_simulation_that_is_paused_for_good_holds_up_no_abort_and_no_next_run(
-    machine: Machine, tmp_path: Path
-) -> None:
-    world = World()
-    drive = WorldDrive(tmp_path, world)
-    drive.start(make_setup())
-    drive.wait(3.0)
-    world.pace = 0.0
-    began = machine.monotonic_ns()
-    drive.act(Abort("the simulation hangs"))
-    assert drive.engine.run.phase is Phase.STOPPED
-    drive.wait_until(lambda: drive.engine.scored is not None, patience=5.0)
-    assert machine.monotonic_ns() - began < 5 * NS
-    world.pace = 1.0
-    drive.wait(5.0)
-    drive.whole_run(make_setup(run_number=2, timeout=1.0))
-
-
-def test_a_run_that_was_set_up_before_the_simulation_began_anew_is_replayed_the_same(
-    machine: Machine, tmp_path: Path
-) -> None:
-    world = World()
-    drive = WorldDrive(tmp_path, world)
-    drive.wait(20.0)
-    drive.prepare(make_setup())
-    world.begin_anew()
-    drive.engine.step(0.02)
-    drive.wait(3.0)
-    drive.act(Start())
-    assert drive.same_everywhere().outcome is Outcome.COMPLETED
-
-
-@pytest.mark.parametrize(
-    ("off", "clock", "words"),
-    [
-        (-1.7e9, None, "set the clock, or use --use-sim-time: stamps are of another clock"),
-        (11.0, 2000.0, "set the clock, or use --use-sim-time: stamps are of another clock"),
-        (
-            -1.7e9,
-            -1.7e9,
-            "start the engine again with --use-sim-time: stamps are of simulated time",
-        ),
-        (0.3, 0.3, "start the engine again with --use-sim-time: stamps are of simulated time"),
-        (
-            1e8,
-            0.0,
-            "stamp by /clock, or leave out --use-sim-time: stamps of another clock",
-        ),
-    ],
-)
+@pytest.mark.parametrize("off", [-1.7e9, 11.0])
 def test_stamps_of_another_clock_are_named_first_with_what_to_do_never_waived(
-    off: float, clock: float | None, words: str, hall: FaultyDrive
+    off: float, hall: FaultyDrive
 ) -> None:
-    hall.source.announcement = Announcement(simulated_time=clock)
+    words = "set the clock: stamps are of another clock"
     shift_stamps(hall, [off])
     hall.set_up()
     assert hall.check(CheckName.CLOCK) == f"failed: {words}"

@@ -157,34 +157,7 @@ ROOM = "make room for evidence (`madrob guide testbed`): "
             (NO_DATA, "look whether its driver runs: no time stamp comes now"),
         ),
         (N.CLOCK, {"least_skew": 10.0, "skew": 0.0}, (OK, "stamps differ by 0 ms, limit 100 ms")),
-        (
-            N.CLOCK,
-            {"least_skew": -10.1},
-            (FAILED, "set the clock, or use --use-sim-time: stamps are of another clock"),
-        ),
-        (
-            N.CLOCK,
-            {"least_skew": -500.0, "simulated_time": -500.5},
-            (
-                FAILED,
-                "start the engine again with --use-sim-time: stamps are of simulated time",
-            ),
-        ),
-        (
-            N.CLOCK,
-            {"least_skew": -500.0, "simulated_time": -501.0},
-            (FAILED, "set the clock, or use --use-sim-time: stamps are of another clock"),
-        ),
-        (
-            N.CLOCK,
-            {"least_skew": -500.0, "simulated_time": 0.05},
-            (FAILED, "stamp by /clock, or leave out --use-sim-time: stamps of another clock"),
-        ),
-        (
-            N.CLOCK,
-            {"least_skew": 0.05, "simulated_time": 0.05},
-            (OK, "stamps differ by 10 ms, limit 100 ms"),
-        ),
+        (N.CLOCK, {"least_skew": -10.1}, (FAILED, "set the clock: stamps are of another clock")),
         (N.DISK, {}, (OK, "2.0 GB free, 1.0 GB needed")),
         (N.DISK, {"disk_free": 1_000_000_000}, (OK, "1.0 GB free, 1.0 GB needed")),
         (

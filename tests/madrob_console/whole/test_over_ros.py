@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
 import re
 import signal
@@ -23,7 +21,7 @@ from rosbags.highlevel import AnyReader
 
 from madrob_console.archive import score
 from madrob_console.cli.main import main
-from madrob_console.common.clock import NS, Clock, SystemClock
+from madrob_console.common.clock import SystemClock
 from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.requests import Perform
 from madrob_console.engine.runtime.engine_thread import LocalEngine
@@ -33,7 +31,6 @@ from madrob_console.messages.codec import (
     DEFAULT_MAPPINGS,
     REFEREE_RUNNING_TOPIC,
     REFEREE_STATE_TOPIC,
-    decode_text,
 )
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.referee.acts import Abort, SetUp
@@ -41,11 +38,8 @@ from madrob_console.referee.checks import CheckState
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import CheckName
-from madrob_console.referee.run import Phase
 from madrob_console.testbeds.announcement import INFO_TOPIC
 from madrob_console.testbeds.ros import RosSource
-from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
-from recorder.bag import RawMessage
 from recorder.reader import Bag
 from scoring.protocol import Signal
 from tests.madrob_console.engine.drive import make_setup
@@ -62,7 +56,6 @@ from tests.madrob_console.engine_process import (
 from tests.madrob_console.ros_peer import (
     BOOL,
     KEPT,
-    TYPES,
     Kind,
     Peer,
     Stream,
@@ -72,7 +65,7 @@ from tests.madrob_console.ros_peer import (
 from tests.watching import Stutter, until
 
 TOPICS = [m.topic for m in DEFAULT_MAPPINGS if m.signal is not Signal.LATCH]
-STRING, CLOCK = "std_msgs/msg/String", "rosgraph_msgs/msg/Clock"
+STRING = "std_msgs/msg/String"
 SAMPLE = 0.02  # s, of the simulated sensors
 AT_ONCE = 0.2  # s, of an abort
 BUSY = 8.0  # s; as long as DDS takes beside two busy cores
@@ -305,94 +298,6 @@ def test_each_of_two_engines_in_a_domain_names_the_other_until_it_is_killed(
             other.process.wait()
             until(lambda: not named(local.snapshot()), BUSY)
         assert referee_check(local.snapshot())[0] is CheckState.OK
-
-
-BEGIN, PACE = 100.0, 3.0
-STOPS, GOES_ON = 1.5, 6.5
-"""In this time of the machine since the start of a run the simulation stands, s."""
-_TOO_LATE = "the disk did not take it within"
-
-
-class WorldClock(Clock):
-    """The time in the simulated world, `PACE` times as fast as the machine's, unless it stands."""
-
-    def __init__(self) -> None:
-        self._time, self._since, self.pace = BEGIN, time.monotonic(), PACE
-
-    def now_ns(self) -> int:
-        now = time.monotonic()
-        self._time, self._since = self._time + (now - self._since) * self.pace, now
-        return round(self._time * NS)
-
-    def sleep(self, duration: float) -> None:
-        """Nobody waits for it."""
-
-
-class World:
-    """What Gazebo would publish; it does not say that it is simulated."""
-
-    def __init__(self, peer: Peer) -> None:
-        self._peer, self._clock = peer, WorldClock()
-        self._testbed = SimulatedSource(None, self._clock, TYPES)
-        self._testbed.open()
-        self._publishers = {
-            s.topic: peer.publisher(s.topic, s.type) for s in self._testbed.status()
-        }
-        self._clock_publisher = peer.publisher("/clock", CLOCK)
-        self._states = peer.listen_raw(REFEREE_STATE_TOPIC, STRING, KEPT)
-        self._started = math.inf
-
-    def go_on(self) -> None:
-        """Publish what is due, and heed the referee."""
-        self._peer.spin(0.005)
-        now = self._clock.now_ns()
-        stands = STOPS < time.monotonic() - self._started < GOES_ON
-        self._clock.pace = 0.0 if stands else PACE
-        stamp = TYPES.make("builtin_interfaces/msg/Time", sec=now // NS, nanosec=now % NS)
-        self._clock_publisher.publish(TYPES.encode(CLOCK, TYPES.make(CLOCK, clock=stamp)))
-        for message in self._testbed.take_messages(0):
-            self._publishers[message.topic].publish(message.data)
-        while self._states:
-            data = self._states.pop(0)
-            self._testbed.publish(RawMessage(REFEREE_STATE_TOPIC, STRING, data, 0, 0))
-            phase = json.loads(decode_text(TYPES, data))["phase"]
-            if phase == Phase.RUNNING:
-                self._started = min(self._started, time.monotonic())
-            elif phase == Phase.COUNTDOWN:
-                self._started = math.inf
-
-    def run(self, folder: Path) -> Ran:
-        """`madrob run` in this world."""
-        settings = folder / "madrob.toml"  # for a busy machine, which publishes late
-        settings.write_text("[checks]\nlargest_skew = 2.0\n[testbed]\nuse_sim_time = true\n")
-        with madrob_beside(
-            *("run", "--testbed", "ros", "--settings", settings, "--results", folder),
-            *("--countdown=2", "--timeout=60", "--wait=100", "--no-report"),
-        ) as process:
-            while process.poll() is None:
-                self.go_on()
-            said = process.communicate()[0]
-        if _TOO_LATE in said:  # nothing was done: a referee starts again
-            return self.run(folder)
-        assert process.returncode == 0, said
-        return Ran(Path(said.splitlines()[-1].removeprefix("run folder: ")), said, {})
-
-
-@pytest.mark.timeout(300)
-def test_a_run_on_the_time_of_a_simulation_is_practice_completed_and_scored(
-    peer: Peer, tmp_path: Path
-) -> None:
-    """Even where the simulation stops for five seconds."""
-    run = World(peer).run(tmp_path)
-    result, indicators = run.result, run.result["indicators"]
-    assert run.folder.parent == tmp_path / "practice"
-    assert (result["outcome"], result["source"]) == ("completed", "simulated")
-    assert BEGIN < result["start"] < BEGIN + 100 * PACE
-    assert indicators["execution_time"]["value"] == pytest.approx(13.85, abs=0.1)
-    assert indicators["capability_level"]["value"] == 6
-    assert all(i["value"] is not None for i in indicators.values())
-    assert any("/clock is silent" in remark for remark in result["quality"]["remarks"])
-    assert main(["score", "--check", str(run.folder)]) == 0
 
 
 NAMES = 500_000

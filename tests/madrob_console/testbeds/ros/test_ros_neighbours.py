@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC
 from madrob_console.messages.message_types import MessageTypes
-from madrob_console.testbeds.ros import RosSource, asks_for_sim_time
+from madrob_console.testbeds.ros import RosSource
 from tests.madrob_console import said
 from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, Taker, latch
 
@@ -35,28 +33,6 @@ def test_a_launch_file_moves_topics_into_its_namespace_and_gives_them_other_name
         peer.until(lambda: speakers() == [("/hall2", "referee")])
         assert not peer.own.get_publishers_info_by_topic(REFEREE_STATE_TOPIC)
         assert taker.source.other_referee is None  # not even itself, by another name
-
-
-@pytest.mark.parametrize(
-    ("ros_args", "asks"),
-    [
-        ([], False),
-        (["-r", "__ns:=/hall2"], False),
-        (["-p", "use_sim_time:=true"], True),
-        (["-p", "use_sim_time:=false"], False),
-        (["-p", "other:use_sim_time:=true"], False),
-        (["-r", "__node:=referee", "-r", "__ns:=/hall2", "--params-file", "{launch}"], True),
-        (["-r", "__node:=other", "-r", "__ns:=/hall2", "--params-file", "{launch}"], False),
-    ],
-    ids=str,
-)
-def test_the_parameter_of_simulated_time_is_heeded_alone_or_in_a_launch_file_s_file(
-    ros_args: list[str], asks: bool, ros_domain: int, tmp_path: Path
-) -> None:
-    launch = tmp_path / "launch_params"
-    launch.write_text("/hall2/referee:\n  ros__parameters:\n    use_sim_time: true\n")
-    given = [word.format(launch=launch) for word in ros_args]
-    assert asks_for_sim_time(ros_domain, given) is asks
 
 
 @pytest.mark.usefixtures("ros_domain")

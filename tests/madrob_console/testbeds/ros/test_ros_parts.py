@@ -13,10 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from madrob_console.common.clock import NS, SimulationClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
     LARGEST_WORDS,
     ROBOT_FINISHED_TOPIC,
     decode_text,
@@ -25,7 +23,7 @@ from madrob_console.messages.codec import (
 from madrob_console.messages.message_types import MessageTypes
 from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, SILENT, info_text
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
-from madrob_console.testbeds.ros import RosSource, intake
+from madrob_console.testbeds.ros import intake
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class, load_module
 from madrob_console.testbeds.ros.door_parameters import door_parameters
 from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
@@ -278,7 +276,6 @@ def test_a_late_joiner_hears_the_last_state_the_pose_and_the_events_byte_for_byt
 
 LIVE = "LIVE ros domain"
 SIMULATED = "SIMULATED over ROS domain"
-CLOCK = "rosgraph_msgs/msg/Clock"
 BEFORE = 1_000_000
 """Long before this program was written, s since the epoch."""
 
@@ -354,53 +351,6 @@ def test_garbage_and_megabytes_make_no_run_practice_and_are_named(taker: Taker, 
     assert not taker.source.announcement.messages  # nor is it recorded
     assert taker.source.announcement.simulated is None
     assert taker.source.label.startswith(LIVE)
-
-
-def tell(publisher: RosObject, sec: int) -> None:
-    stamp = TYPES.make("builtin_interfaces/msg/Time", sec=sec)
-    publisher.publish(TYPES.encode(CLOCK, TYPES.make(CLOCK, clock=stamp)))
-
-
-def test_simulated_time_is_told_and_changes_nothing_where_it_is_not_followed(
-    taker: Taker, peer: Peer
-) -> None:
-    assert taker.source.announcement == SILENT
-    publisher = peer.publisher("/clock", CLOCK)
-
-    def told() -> float | None:
-        tell(publisher, 100)
-        return taker.source.announcement.simulated_time
-
-    peer.until(told)
-    assert told() == pytest.approx(100 - time.time(), abs=10)
-    assert taker.source.label.startswith(LIVE)
-    peer.own.destroy_publisher(publisher)
-    peer.until(lambda: taker.source.announcement == SILENT)
-
-
-def test_an_engine_that_follows_simulated_time_says_so_and_whether_it_is_there(peer: Peer) -> None:
-    clock, second = SimulationClock(), 100
-    publisher = peer.publisher("/clock", CLOCK)
-
-    def told() -> bool:
-        nonlocal second
-        second += 1
-        tell(publisher, second)
-        return BEFORE * NS > clock.now_ns() > second * NS
-
-    def silent() -> bool:
-        wanted = "/clock is silent: start the simulation"
-        return all(status.problem == wanted for status in taker.source.status())
-
-    with Taker(RosSource(DEFAULT_MAPPINGS, MessageTypes(), clock)) as taker:
-        assert taker.source.announcement.simulated == "time of /clock"
-        assert taker.source.label.startswith(SIMULATED)
-        peer.until(silent)
-        peer.until(lambda: told() and not silent())
-        offset = taker.source.announcement.simulated_time
-        assert offset is not None
-        assert abs(offset) < 1.5
-        peer.until(silent)
 
 
 SUDDEN_CW = Condition(BenchmarkType.SUDDEN_FORCE, opening_side=Side.CW, starting_side=Side.CCW)
