@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from madrob_console.cli import option_values, options
-from madrob_console.cli.command_line import Argument, OneOf, command
+from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.output import BAD_INPUT
-from madrob_console.cli.parsing import as_path
 from madrob_console.cli.progress import progress
 from madrob_console.cli.safe_stream import print_json
 
@@ -18,31 +17,19 @@ if TYPE_CHECKING:
     from madrob_console.config import Settings
 
 OFF = 1
-"""Exit code of `--reference` if a value is off, of `--archive` if it may not be handed in."""
-
-_ARCHIVE_WIDTH = 11
-"""Of the subject in a line about an archive, which has at most 80 columns."""
+"""Exit code of `--reference` if a value is off."""
 
 
 @command(
     "doctor",
     "what is installed, found and missing",
     "With --reference, recordings with known answers are scored instead, and exit code 1 says that "
-    "a value is off. With --archive, the runs below a folder are looked at instead, and scored "
-    "again: exit code 1 says that they may not be handed in yet. Neither needs ROS or a testbed.",
+    "a value is off. That needs neither ROS nor a testbed.",
     options=(
-        OneOf(
-            Argument(
-                "--reference",
-                action="store_true",
-                help="score the recordings with known answers that came with the program",
-            ),
-            Argument(
-                "--archive",
-                type=as_path,
-                metavar="PATH",
-                help="say whether the runs below PATH may be handed in, and what stands against it",
-            ),
+        Argument(
+            "--reference",
+            action="store_true",
+            help="score the recordings with known answers that came with the program",
         ),
         options.JSON,
         options.TEAMS,
@@ -55,29 +42,27 @@ _ARCHIVE_WIDTH = 11
         "madrob doctor",
         "madrob doctor --domain 41",
         "madrob doctor --reference    # does this installation score right?",
-        "madrob doctor --archive ~/madrob_runs    # may it be handed in?",
     ),
 )
 def doctor(arguments: argparse.Namespace) -> int:
     """Print the findings as they come; exit code 0 if the console runs here, or scores right."""
-    from madrob_console.cli.finding import SUBJECT_WIDTH, line
+    from madrob_console.cli.finding import line
 
     found: list[Finding] = []
 
     def tell(finding: Finding) -> None:
         found.append(finding)
         if not arguments.json:
-            print(line(finding, _ARCHIVE_WIDTH if arguments.archive else SUBJECT_WIDTH), flush=True)
+            print(line(finding), flush=True)
 
     look = _score_references if arguments.reference else _look
-    verdict, code = (look if arguments.archive is None else _judge)(arguments, tell)
+    verdict, code = look(arguments, tell)
     if arguments.json:
         findings = [
             {
                 "severity": one.severity.name.lower(),
                 "subject": one.subject,
                 "text": one.text,
-                "runs": dict(one.runs),
             }
             for one in found
         ]
@@ -118,18 +103,6 @@ def _evidence(arguments: argparse.Namespace, settings: Settings) -> Iterator[Fin
     own = own_topics(settings, MessageTypes())
     domain = option_values.ros_domain(arguments, settings)
     return look_at_evidence(recording.choice, own, domain, recording.budget_bytes, os.environ)
-
-
-def _judge(arguments: argparse.Namespace, tell: Callable[[Finding], None]) -> tuple[str, int]:
-    from madrob_console.cli.doctor import usable
-    from madrob_console.cli.doctor_archive import archive_findings, archive_verdict
-
-    findings = []
-    with progress("runs") as count:
-        for finding in archive_findings(arguments.archive, count):
-            findings.append(finding)
-            tell(finding)
-    return archive_verdict(findings), 0 if usable(findings) else OFF
 
 
 def _score_references(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 
 SUBJECT_WIDTH = len("/madrob/passage/ccw_right")
@@ -24,15 +23,12 @@ class Finding:
     Attributes:
         severity: WARNING = the console runs, but look at it; ERROR = it does not run.
         text: what was found and, unless all is well, the remedy; one line.
-        runs: those it is about by their places, each with the words for it.
     """
 
     severity: Severity
     subject: str
     text: str
-    runs: Mapping[str, str] = field(default_factory=dict)
 
 
-def line(finding: Finding, width: int = SUBJECT_WIDTH) -> str:
-    """`width` is that of the subject."""
-    return f"{finding.severity.name.lower():7}  {finding.subject:{width}}  {finding.text}"
+def line(finding: Finding) -> str:
+    return f"{finding.severity.name.lower():7}  {finding.subject:{SUBJECT_WIDTH}}  {finding.text}"

@@ -58,7 +58,6 @@ COMMANDS = (
     "plan --results",
     "report",
     "recover",
-    "doctor --archive",
     "export --practice --subject 3 --results",
 )
 PATIENCE = 60
