@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -15,16 +13,13 @@ from madrob_console.archive.folders import PRACTICE_FOLDER, RESULT_FILE, parse_f
 from madrob_console.archive.history import misplaced
 from madrob_console.archive.journal_agreement import disagreement, out_of_date
 from madrob_console.archive.result_document import ResultDocument
-from madrob_console.archive.result_files import document_of
 from madrob_console.archive.result_reader import UnusableResultError, read_result
 from madrob_console.archive.run_journal import UnusableJournalError
 from madrob_console.archive.run_paths import RunPath, RunPlace
 from madrob_console.archive.run_record import RunLabel
-from madrob_console.archive.scored import score_recording
 from madrob_console.common.errors import MadrobError
 from madrob_console.referee.flags import undecided
 from scoring.protocol import Condition
-from scoring.rulesets import RulesetName
 
 _SHORT = 16
 """Digits of a digest that people compare."""
@@ -93,13 +88,6 @@ class StoredRun:
         return next((files[name].sha256 for name in sorted(files) if name.endswith(".mcap")), "")
 
 
-def stored_places(runs: Iterable[RunPath]) -> Iterator[RunPlace]:
-    """Where the runs with a usable result lie."""
-    for run in runs:
-        with suppress(MadrobError):
-            yield stored_run(run).place(run.name)
-
-
 def valid_result(folder: Path) -> ResultDocument:
     """The result of a run, if its journal and its folder agree with it.
 
@@ -127,10 +115,3 @@ def stored_run(run: RunPath) -> StoredRun:
     except (UnusableResultError, UnusableJournalError) as error:
         why = str(error)
     raise MadrobError(f"{run.name}: {why}")
-
-
-def fresh_runs(run: RunPath, rules: Sequence[RulesetName | None]) -> list[StoredRun]:
-    """A recorded run scored now by each ruleset; it is read only once."""
-    run.demand_recording()
-    scored = score_recording(run.path, rules)
-    return [StoredRun(run.path, document_of(scoring, run.path, {})) for scoring in scored]

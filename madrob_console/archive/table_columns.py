@@ -286,13 +286,6 @@ STEPS = TidyTable(
 RUN_TABLES = (RUNS, INDICATORS, EVENTS, STEPS)
 """From few rows to many."""
 
-UNREADABLE = TidyTable(
-    "unreadable",
-    "one row for each run that cannot be read",
-    (_text("place", "path of its folder or bag", "run"), _text("reason", "why, in words", "item")),
-)
-"""Written beside tables of runs that are scored for them."""
-
 
 def _series(name: str, row: str, time: str, *columns: TableColumn) -> TidyTable:
     times = _number("time", "stamp, since 1970 (UTC)", time, "s")

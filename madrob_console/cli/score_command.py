@@ -87,14 +87,6 @@ class RunText(NamedTuple):
                 "files without it say neither",
             ),
             Argument(
-                "--output",
-                type=as_path,
-                metavar="FOLDER",
-                help="write tables of the results into a new folder: runs, indicators, events, "
-                "steps as `madrob table` has them, and unreadable, a row with the reason for each "
-                "run that cannot be read",
-            ),
-            Argument(
                 "--reissue",
                 metavar="REASON",
                 help="after a rule change: each result that is another one now gets its next "
@@ -118,7 +110,6 @@ class RunText(NamedTuple):
         "madrob score --ruleset all my_run           # all rulesets side by side",
         "madrob score --check ~/madrob_runs          # do the stored results hold?",
         "madrob score --write published --ruleset eurobench-2020 ~/madrob_runs",
-        "madrob score --output tables ~/madrob_runs",
         "madrob score --reissue 'rules of May' --ruleset eurobench-2020 --dry-run ~/madrob_runs",
     ),
 )
@@ -126,12 +117,8 @@ def score(arguments: argparse.Namespace) -> int:
     _refuse_contradictions(arguments)
     runs = _chosen(batch.runs_of(arguments), arguments)
     rules = _rules(arguments.ruleset)
-    if arguments.output is not None:
-        from madrob_console.cli.score_output import write_tables
-
-        return write_tables(arguments, runs, rules)
     if arguments.reissue is not None:
-        from madrob_console.cli.score_output import reissue
+        from madrob_console.cli.reissuing import reissue
         from madrob_console.common.clock import SystemClock
 
         return reissue(arguments, runs, rules[0], SystemClock())
@@ -155,7 +142,7 @@ def _chosen(runs: list[RunPath], arguments: argparse.Namespace) -> list[RunPath]
 
 
 def _refuse_contradictions(arguments: argparse.Namespace) -> None:
-    parser, tables, issues = arguments.parser, arguments.output, arguments.reissue
+    parser, issues = arguments.parser, arguments.reissue
     if arguments.ruleset is not None and arguments.check:
         parser.error("--ruleset: not allowed with --check")
     if issues is None and (arguments.dry_run or arguments.settings):
@@ -168,8 +155,8 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
         )
     if issues is not None and not issues.strip():
         parser.error("--reissue: give a reason, it stands in every journal")
-    if arguments.json and (tables is not None or issues is not None):
-        parser.error(f"--json: not allowed with {'--reissue' if tables is None else '--output'}")
+    if arguments.json and issues is not None:
+        parser.error("--json: not allowed with --reissue")
 
 
 def _describe(

@@ -1,4 +1,4 @@
-"""`madrob score --reissue` and `--output`: results and tables in bulk after a rule change."""
+"""`madrob score --reissue`: results in bulk after a rule change."""
 
 from __future__ import annotations
 
@@ -22,8 +22,6 @@ from madrob_console.archive import issuing
 from madrob_console.archive.rule_change import RuleChange, next_issue, write_next_issue
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import open_run
-from madrob_console.archive.table_columns import RUN_TABLES
-from madrob_console.cli.interruption import STOPPED
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.file_locks import Hold
 from madrob_console.referee.acts import Rule
@@ -39,7 +37,6 @@ from tests.madrob_console.recorded_runs import (
     aborted,
     appealed,
     completed,
-    copy_run,
     recorded,
     without_digests,
 )
@@ -318,41 +315,6 @@ def test_the_report_of_a_run_is_made_anew_unless_a_console_works_on_it(
     assert "version 2" in (folder / "report.html").read_text()
 
 
-TABLES = [table.name for table in RUN_TABLES]
-
-
-def frame(path: Path | StringIO) -> pd.DataFrame:
-    return pd.read_csv(path, keep_default_na=False)
-
-
-def test_the_tables_of_fresh_results_are_those_of_the_stored_ones(
-    tmp_path: Path, madrob: Madrob
-) -> None:
-    run, out = recorded(Scenario.NOMINAL), tmp_path / "out"
-    told = madrob("score", run, "--output", out)
-    assert told == f"{out}: 1 runs, 0 of them cannot be read\n"
-    madrob("score --ruleset all", run, "--output", tmp_path / "all")
-    for name in TABLES:
-        stored = frame(StringIO(madrob("table", name, run)))
-        pd.testing.assert_frame_equal(frame(out / f"{name}.csv"), stored)
-        assert set(frame(tmp_path / f"all/{name}.csv").ruleset) == set(RulesetName)
-
-
-def test_a_run_that_cannot_be_read_is_one_row_with_its_reason(
-    tmp_path: Path, madrob: Madrob
-) -> None:
-    root, out = tmp_path / "results", tmp_path / "out"
-    copy_run(root, 1)
-    copy_run(root, 2)  # a copy of one run is the same run
-    lost = root / "subject_009_cond_001_run_001_20231114_221323"
-    lost.mkdir()
-    said = madrob.say("score --jobs 1", root, "--output", out)
-    (row,) = frame(out / "unreadable.csv").to_dict("records")
-    assert (said.code, row["place"], str(lost) in said.err) == (2, str(lost), True)
-    assert "no bag" in row["reason"]
-    assert len(frame(out / "runs.csv")) == 1
-
-
 @pytest.mark.parametrize("line", ["score --json", "table runs", "standings --json --practice"])
 def test_a_path_that_is_no_text_is_one_in_tables_and_json(
     line: str, tmp_path: Path, madrob: Madrob
@@ -360,12 +322,3 @@ def test_a_path_that_is_no_text_is_one_in_tables_and_json(
     for name in (b"hall \xff", b"the same run"):
         copy(recorded(Scenario.NOMINAL), tmp_path / os.fsdecode(name))
     assert "hall \ufffd/" in madrob(line, tmp_path)
-
-
-def test_tables_are_there_whole_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, madrob: Madrob
-) -> None:
-    pressed = Mock(side_effect=KeyboardInterrupt)
-    monkeypatch.setattr("madrob_console.cli.score_output.name_twins", pressed)
-    madrob("score", recorded(Scenario.TOUCH_ONLY), "--output", tmp_path / "out", code=STOPPED)
-    assert list(tmp_path.iterdir()) == []
