@@ -80,7 +80,7 @@ def _main(words: Sequence[str], parser: Parser | None) -> int:
     named = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
     try:
         try:
-            arguments = (parser or build_parser(named)).read(words)
+            arguments = (parser or build_parser(named)).parse_args(words)
             find_runs(arguments)
             command: Main = arguments.main
             code = command(arguments)

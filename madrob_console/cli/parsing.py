@@ -7,7 +7,6 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
-from difflib import get_close_matches
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, get_args, get_type_hints
@@ -17,34 +16,18 @@ from madrob_console.cli.output import BAD_INPUT
 _Words = TypeVar("_Words", bound=StrEnum)
 _Number = TypeVar("_Number", int, float)
 
-_SETTING = re.compile(r"setting `([a-z_]+)\.([a-z_]+)`")
 _NEGATIVE = re.compile(r"-[\d.]")
 """How a value may begin that is no option: `-1.5,0,0` is a pose."""
 
-_MANY = 6
-"""More choices than this are not listed if one of them is near to what was typed."""
-
 
 class CommandHelp(argparse.HelpFormatter):
-    """Adds the default to the help of every option that has one, also where the settings have it.
-
-    A help text with "setting `run.timeout`" gets that setting's default. In a description, lines
-    that begin with blanks stay as they are; the rest is wrapped.
-    """
+    """In a description, lines that begin with blanks stay as they are; the rest is wrapped."""
 
     def add_argument(self, action: argparse.Action) -> None:
         """Leave room for the names of commands, which stand further to the right."""
         super().add_argument(action)
         if isinstance(action, argparse._SubParsersAction):
             self._action_max_length += self._indent_increment
-
-    def _get_help_string(self, action: argparse.Action) -> str:
-        text = _SETTING.sub(_with_default, action.help or "").replace("%", "%%")
-        default = action.default
-        silent = default in (None, "") or action.nargs in (0, argparse.REMAINDER)
-        if silent or not action.option_strings or "default" in text:
-            return text
-        return f"{text} (default: {_default_words(default)})".lstrip()
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return "\n".join(
@@ -53,55 +36,13 @@ class CommandHelp(argparse.HelpFormatter):
         )
 
 
-def _with_default(match: re.Match[str]) -> str:
-    from madrob_console.config import Settings
-
-    default = getattr(getattr(Settings(), match[1]), match[2])
-    return f"{match[0]}, {_default_words(default)} by default"
-
-
-def _default_words(default: object) -> str:
-    if isinstance(default, bool):
-        return "on" if default else "off"
-    return f"{default:g}" if isinstance(default, float) else str(default)
-
-
 class Parser(argparse.ArgumentParser):
-    """Reports an error of the command line in one line, with what may have been meant."""
+    """Reports an error of the command line in one line."""
 
     def __init__(self, **how: Any) -> None:  # noqa: ANN401  argparse's own, of the subparsers
         super().__init__(**({"formatter_class": CommandHelp} | how))
         self.set_defaults(parser=self)
         self._negative_number_matcher = _NEGATIVE
-        self._between = False
-
-    def parse_known_args(  # type: ignore[override]  # argparse's own has overloads
-        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
-    ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse; options may stand between the words of an argument that takes any number."""
-        lists = any(action.nargs in ("*", "+") for action in self._get_positional_actions())
-        if self._between or not lists:
-            return super().parse_known_args(args, namespace)
-        self._between = True  # it calls this
-        try:
-            return self.parse_known_intermixed_args(args, namespace)
-        finally:
-            self._between = False
-
-    def read(self, words: Sequence[str]) -> argparse.Namespace:
-        """Parse; `parser` among the arguments is that of the command."""
-        arguments, unknown = self.parse_known_args(words)
-        if unknown:
-            command: Parser = arguments.parser
-            command.refuse(unknown)
-        return arguments
-
-    def refuse(self, unknown: Sequence[str]) -> NoReturn:
-        first = unknown[0].partition("=")[0]
-        if not first.startswith("-"):
-            self.error(f"{' '.join(unknown)}: nothing more is expected here")
-        near = _meant(first, self._option_string_actions)
-        self.error(f"{first}: no such option{near}")
 
     def error(self, message: str) -> NoReturn:
         words = message.removeprefix("argument ")
@@ -113,18 +54,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def none_of(text: str, choices: Iterable[str]) -> str:
-    words = list(choices)
-    near = _meant(text, words)
-    listed = "" if near and len(words) > _MANY else f", use {_either(words)}"
-    return f"there is no '{text}'{near}{listed}"
-
-
-def _meant(text: str, choices: Iterable[str]) -> str:
-    """The choice that the text begins, or else the most similar; empty = none is near."""
-    words = list(choices)
-    begun = [word for word in words if word.startswith(text)]
-    near = begun if len(begun) == 1 else get_close_matches(text, words, n=1)
-    return f", did you mean {near[0]}?" if near else ""
+    return f"there is no '{text}', use {_either(list(choices))}"
 
 
 def _either(words: Sequence[str]) -> str:

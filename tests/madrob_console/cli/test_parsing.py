@@ -40,24 +40,13 @@ def test_a_help_has_an_example_that_works_and_no_empty_default(
 
 
 @pytest.mark.parametrize(
-    ("command", "default"),
-    [
-        ("run", "setting `run.timeout`, 300 by default"),
-        ("run", "setting `results.folder`, ~/madrob_runs by default"),
-        ("run", "s to wait for the pre-start checks; `inf`: without an end (default: 20)"),
-        ("console", "setting `engine.idle_time`, 600 by default"),
-        ("console", "setting `console.theme`, dark by default"),
-        ("run", "nominal, slam, slow"),
-        ("run", "No Force, Constant Force"),
-        ("testbed", "(default: 0)"),
-        ("standings", "setting `competition.best_runs`, 0 by default"),
-    ],
+    ("command", "words"), [("run", "nominal, slam, slow"), ("run", "No Force, Constant Force")]
 )
-def test_a_help_says_the_real_defaults_and_the_choices(
-    command: str, default: str, madrob: Madrob, monkeypatch: pytest.MonkeyPatch
+def test_a_help_says_the_choices(
+    command: str, words: str, madrob: Madrob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "300")
-    assert default in madrob(f"{command} --help")
+    assert words in madrob(f"{command} --help")
 
 
 NEGATIVE = {"--seed", "--start-pose"}
@@ -113,29 +102,6 @@ def test_without_a_command_the_help_is_printed_and_the_exit_code_is_git_s(
     said = madrob.say(line)
     assert (said.code, said.err, said.out) == (1, "", madrob(f"{line} --help"))
     assert said.out.startswith(first)
-
-
-@pytest.mark.parametrize(
-    ("line", "paths"),
-    [
-        ("publish SITE --best 3 hall_a --practice hall_b", "hall_a hall_b"),
-        ("publish --best 3 SITE hall_a --practice hall_b", "hall_a hall_b"),
-        ("publish --best 3 SITE", ""),
-        ("score one --json two --jobs 2 three", "one two three"),
-        ("score one --ruleset all -- -two", "one -two"),
-        ("report one --output pages two", "one two"),
-        ("standings one --best 3 two", "one two"),
-        ("plan one --json two", "one two"),
-        ("export hall_a --subject 3 hall_b", "hall_a hall_b"),
-        ("table runs one --output a.csv two", "one two"),
-        ("table samples one --output tables two", "one two"),
-        ("calibrate masks one --output masks.toml two", "one two"),
-    ],
-)
-def test_options_may_stand_between_paths(line: str, paths: str) -> None:
-    arguments = build_parser().read(shlex.split(line))
-    assert arguments.paths == [Path(path) for path in paths.split()]
-    assert getattr(arguments, "site", Path("SITE")) == Path("SITE")
 
 
 GUIDE = Path(__file__).parents[3] / "madrob_console" / "guide"

@@ -17,19 +17,19 @@ from tests.madrob_console.run_folders import summary, write
 from tests.recorder.samples import all_within, door_messages, door_topics
 
 WORDS = [
-    ("consol", "madrob: COMMAND: there is no 'consol', did you mean console?"),
-    ("calibrate mask", "there is no 'mask', did you mean masks?"),
-    ("engine stat", "did you mean status?"),
+    ("consol", "madrob: COMMAND: there is no 'consol', use console, watch"),
+    ("calibrate mask", "there is no 'mask', use masks or handle"),
+    ("engine stat", "there is no 'stat', use status, stop or serve"),
     ("console --theme blue", "--theme: there is no 'blue', use dark, light or high-contrast"),
     ("run --opening-side left", "--opening-side: there is no 'left', use cw or ccw"),
-    ("run --scenario nominall", "--scenario: there is no 'nominall', did you mean nominal?"),
+    ("run --scenario nominall", "--scenario: there is no 'nominall', use nominal, slam"),
     ("run --subject Delft", "--subject: 'Delft' is no whole number"),
     ("run --timeout long", "--timeout: 'long' is no number"),
-    ("standings --bets 3", "madrob standings: --bets: no such option, did you mean --best?"),
-    ("export --subject 3 --bag", "madrob export: --bag: no such option"),
-    ("settings all", "madrob settings: all: nothing more is expected here"),
+    ("standings --bets 3", "madrob: unrecognized arguments: --bets"),
+    ("export --subject 3 --bag", "madrob: unrecognized arguments: --bag"),
+    ("settings all", "madrob: unrecognized arguments: all"),
     ("watch --plain --big", "--big: not allowed with argument --plain"),
-    ("console --testbed sim", "--testbed: there is no 'sim', did you mean simulated?"),
+    ("console --testbed sim", "--testbed: there is no 'sim', use ros, simulated or replay"),
     ("console --testbed ros 3", "--testbed: ros takes nothing more, not '3'"),
     ("watch --testbed replay", "--testbed: replay needs the path of one bag"),
     ("run --speed -1", "--speed: -1: use 0 to 1000"),
@@ -47,14 +47,14 @@ WORDS = [
     ("score x --write y --check", "--check"),
     ("score x --reissue y --json", "--json: not allowed with --reissue"),
     ("score --json", "the following arguments are required: PATH"),
-    ("score one --bets 3 two", "madrob score: --bets: no such option"),
+    ("score one --bets 3 two", "madrob: unrecognized arguments: --bets 3 two"),
     ("publish --best 3", "the following arguments are required: FOLDER"),
     ("recover", "the following arguments are required: PATH"),
 ]
 
 
 @pytest.mark.parametrize(("line", "words"), WORDS)
-def test_a_wrong_word_is_named_with_what_was_meant(line: str, words: str, madrob: Madrob) -> None:
+def test_a_wrong_word_is_named_in_one_line(line: str, words: str, madrob: Madrob) -> None:
     said = madrob.refusal(line)
     assert words in said
     assert said.endswith("--help`\n")
