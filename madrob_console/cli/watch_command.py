@@ -24,7 +24,7 @@ def _shown(flag: str, shown: Shown, text: str) -> Argument:
         *options.TESTBED,
         OneOf(
             _shown("--big", Shown.WALL, "a wall display: clock, state, team and steps"),
-            _shown("--plain", Shown.PLAIN, "an English sentence for each event, without screens"),
+            _shown("--plain", Shown.PLAIN, "the lines of the event log, without screens"),
             _shown(
                 "--json", Shown.JSON, "a JSON object for each change of the state, for programs"
             ),
