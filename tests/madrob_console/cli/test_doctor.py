@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import fcntl
-import importlib.metadata
 import json
 import os
 import pwd
@@ -21,7 +20,6 @@ import pytest
 from madrob_console.cli.doctor import (
     doctor,
     look_at_lists,
-    look_at_python,
     look_at_results,
     look_at_state_folder,
     look_at_terminal,
@@ -59,17 +57,6 @@ ROOT = Path(__file__).parents[3]
 
 def by_subject(findings: Iterable[Finding]) -> dict[str, Finding]:
     return {f.subject: f for f in findings}
-
-
-def test_another_textual_than_the_known_is_named_with_what_it_costs(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    assert "textual" not in by_subject(look_at_python())
-    monkeypatch.delitem(sys.modules, "madrob_console.ui.cells.compositor")
-    monkeypatch.setattr(importlib.metadata, "version", lambda _: "8.4.0")
-    finding = by_subject(look_at_python())["textual"]
-    costs = "8.4.0 writes twice the bytes over SSH" in finding.text
-    assert (finding.severity, costs) == (Severity.WARNING, True)
 
 
 @contextmanager

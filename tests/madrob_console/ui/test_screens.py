@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePath
@@ -211,12 +210,7 @@ def words_of(picture: str) -> list[str]:
     return [words for text in texts if (words := text.strip())]
 
 
-@pytest.mark.parametrize("known", [True, False])
-async def test_changed_cells_add_up_to_the_screen_also_by_textuals_own_compositor(
-    monkeypatch: pytest.MonkeyPatch, *, known: bool
-) -> None:
-    if not known:
-        monkeypatch.setitem(sys.modules, "madrob_console.ui.cells.compositor", None)
+async def test_what_is_written_adds_up_to_the_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = pyte.Screen(*SMALL)
     stream = pyte.Stream(terminal)
     display = MadrobApp._display
