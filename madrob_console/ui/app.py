@@ -176,10 +176,8 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     @property
     def theme_names(self) -> Iterable[str]:
-        """The console's own, whose contrast is measured; where there are colours Textual's, too."""
-        full = not self.current_theme.ansi
-        others = [name for name, theme in self.available_themes.items() if full and not theme.ansi]
-        return dict.fromkeys((*ThemeName, *others))
+        """The console's own, whose contrast is measured."""
+        return ThemeName
 
     def set_theme(self, name: str) -> None:
         self.theme = theme_for(name, self._environ)

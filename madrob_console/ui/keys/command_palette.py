@@ -16,7 +16,7 @@ from textual.message import Message
 from textual.worker import Worker
 
 from madrob_console.ui.keys.console_app import ConsoleApp
-from madrob_console.ui.keys.key_table import CALLED, KEYS
+from madrob_console.ui.keys.key_table import KEYS
 from scoring.protocol import Step
 
 _TEXT = 22
@@ -60,7 +60,7 @@ class ConsoleCommands(Provider):
 
 
 _Command = tuple[str, Callable[[], object], str, str, bool]
-"""A command's text, what it does, what that means, what people call it, whether it is possible."""
+"""A command's text, what it does, what that means, what it is found by, whether it is possible."""
 
 
 def _commands(app: ConsoleApp) -> Iterator[_Command]:
@@ -75,7 +75,7 @@ def _commands(app: ConsoleApp) -> Iterator[_Command]:
             texts = {str(int(step)): f"{int(step)}  step {int(step)}: {step.text}" for step in Step}
         for each, text in texts.items():
             press = partial(app.action_press, key.name, each)
-            yield text, press, help_text, f"{CALLED.get(key.name)} {key.help}", refused is None
+            yield text, press, help_text, key.help, refused is None
     for name in app.theme_names:
         look = "colours of the screens"
         yield f"Theme: {name}", partial(app.set_theme, name), look, look, True

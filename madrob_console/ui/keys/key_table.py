@@ -344,42 +344,6 @@ def with_caps(text: str) -> str:
     return _DONE_BY_KEY.sub(lambda words: _BY_KEY[words[1]], text)
 
 
-CALLED: Mapping[str, str] = {
-    "setup": "team condition practice",
-    "start": "go begin countdown",
-    "pose": "robot ready",
-    "zero": "tare calibrate force",
-    "abort": "stop cancel emergency interrupt",
-    "timeout": "gave up end",
-    "next": "following team",
-    "rule": "confirm deny ruling",
-    "incident": "collision fall human help",
-    "take_back": "undo",
-    "doubts": "question mark unsure",
-    "restart": "false start repeat countdown",
-    "accept": "false start",
-    "finalise": "final signature acknowledge",
-    "correct": "wrong team wrong side mistake",
-    "void": "invalid annul delete",
-    "protest": "complaint appeal",
-    "reissue": "change signed version",
-    "waive": "ignore skip check",
-    "note": "comment remark",
-    "again": "repeat once more",
-    "figures": "plot curves graph",
-    "replay": "recording video",
-    "export": "download share files",
-    "dossier": "evidence",
-    "take": "control",
-    "engine": "restart reconnect",
-    "leave": "quit exit close",
-    "plan": "schedule order",
-    "standings": "ranking",
-    "messages": "log errors",
-}
-"""What people call a command, by its name: the palette finds it by these words, too."""
-
-
 def bindings() -> list[Binding]:
     """Textual's bindings; they come before the widgets', so keys act in the order of typing.
 

@@ -321,9 +321,9 @@ STORIES: Stories = {
         ("ctrl+p",),
         ("f8 1 y", Abort("robot unsafe")),
     ],
-    "Textual's own themes are commands, too": [
-        ("ctrl+p =nord enter", lambda d: d.app.theme == "nord"),
-        (Driver.settle, "SIMULATED", says("Theme: nord.")),
+    "a theme is a command": [
+        ("ctrl+p '=high-contrast' enter", lambda d: d.app.theme == "high-contrast"),
+        (Driver.settle, "SIMULATED", says("Theme: high-contrast.")),
     ],
     "every screen of a rehearsal says so": [
         (opened(defaults=replace(DEFAULTS, results=Path("/results_rehearsal"))),),
