@@ -64,6 +64,12 @@ def fenced(text: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
+def section(page: str, title: str) -> str:
+    """A part of a page of the guide."""
+    text = read(f"madrob_console/guide/{page}.md").partition(f"\n## {title}\n")[2]
+    return text.partition("\n## ")[0]
+
+
 def blocks(language: str) -> list[str]:
     """The blocks of README and guide in a language."""
     return [block for paper in USERS for block in fenced(read(paper), language)]
