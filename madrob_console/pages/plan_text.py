@@ -25,7 +25,8 @@ from scoring.protocol import Condition
 
 PLAN_NOTES = (
     "done: completed, timed out, aborted; valid: the first two; best: level of steps.",
-    "Interrupted and voided runs come next again; practice runs never count.",
+    "Interrupted and voided runs, and those aborted for a testbed fault, come next again.",
+    "An attempt that was repeated counts once; practice runs never count.",
     ">: next. P: a protest is open, the line is not final.",
 )
 """How to read the numbers."""

@@ -239,7 +239,11 @@ class MadrobApp(App[None], inherit_bindings=False):
         if not isinstance(event, events.Key) or event.key != "escape":
             return False
         active = self.screen.active_bindings.get("escape")
-        return active is not None and await self.run_action(active.binding.action, active.node)
+        if active is None:
+            return False
+        if not await self.run_action(active.binding.action, active.node):
+            self._console.action_back()  # a list that is not filtered leaves Escape to the screen
+        return True
 
     def _leaves_out(self, event: events.Event) -> bool:
         if not isinstance(event, events.Key | events.Paste | events.MouseDown | events.MouseUp):

@@ -300,8 +300,8 @@ class Dialog(Vertical):
 
     def _mistyped(self, event: events.Key) -> None:
         """A letter that answers nothing may begin a text, whose letters are no answers either."""
-        letter = event.character or ""
-        if letter.isalpha():
+        letter = "Space" if event.key == "space" else event.character or ""
+        if len(letter) == 1 and letter.isalpha():
             self._ahead.mistyped(letter)
         words = f"{letter} is not possible here" if event.is_printable else _ANSWER_FIRST
         self.complain(words)

@@ -545,9 +545,10 @@ class ConsoleScreen(Screen[None]):
             self.app.pop_screen()
 
     def _about(self, name: str) -> str:
-        if self._latest is None or name in _ABOUT_NO_RUN:
+        latest = self._link.live_snapshot() if name == "abort" else self._latest
+        if latest is None or name in _ABOUT_NO_RUN:
             return ""
-        who = who_text(self._latest.run)
+        who = who_text(latest.run)
         attempt = self.panes.setup.attempt if name == "abort" else ""
         return f"{who}, {attempt}" if attempt else who
 

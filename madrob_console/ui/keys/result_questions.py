@@ -160,7 +160,7 @@ REISSUE = Ask(
 )
 
 VOID = Ask(
-    "VOID this run: it does not count, and the team's attempt comes again",
+    "VOID this run: it does not count, and gives its attempt back",
     (
         ask_why("robot unsafe", TESTBED_FAULT, "referee's mistake", "protest upheld"),
         Sure("Void it? z takes it back."),

@@ -108,16 +108,16 @@ _WHY_ABORTED = Pick(
         Option("y", f"ABORT now, {NO_REASON}", NO_REASON, last=True),
         *reasons("robot unsafe", TESTBED_FAULT, "referee's mistake", "the team asks for it"),
     ),
-    below=(
-        f"It uses up the attempt, but for '{TESTBED_FAULT}'.",
-        "Wrong team? Let the run end, then correct it: Enter, c.",
-    ),
+    below=("Wrong team? Let the run end, then correct it: Enter, c.",),
 )
 
 
 def ask_abort(snapshot: Snapshot, _pressed: str) -> Ask:
     """The same two keys on every console: one without the right to act takes it over with y."""
     why = _WHY_ABORTED
+    if not snapshot.practice:
+        uses_up = f"It uses up the attempt, but for '{TESTBED_FAULT}'."
+        why = replace(why, below=(uses_up, *why.below))
     if snapshot.right.holder:
         why = replace(why, text=f"{snapshot.right.holder} has the right to act: y takes it over.")
     return Ask("ABORT the run: it becomes invalid", (why, Sure("Abort now?")), Abort)

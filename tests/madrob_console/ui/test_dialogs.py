@@ -418,6 +418,9 @@ STORIES: Stories = {
     ],
     "a key right after Escape goes to the pane": [
         (Driver.run,),
+        ("f1", pane("help")),
+        ("escape h", pane("history")),
+        ("escape f3", pane("live")),
         ("enter escape 4", "Step 4: cross the threshold", no("left out")),
         ("d", Rule(Step.CROSS, confirmed=False, reason=NO_REASON)),
         ("i escape h", pane("history")),

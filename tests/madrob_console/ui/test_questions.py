@@ -74,6 +74,7 @@ class View:
     elapsed: float | None = None
     indicators: Mapping[IndicatorName, Indicator] = field(default_factory=dict)
     right: RightToAct = field(default_factory=RightToAct)
+    practice: bool = False
 
 
 CROSSED = (StepRecord(Step.CROSS, Step.CROSS.text, sensors=111.0, final=112.0),)
