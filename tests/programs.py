@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     import pytest
 
 PACKAGES: Mapping[str, str] = {
-    "cc": "gcc",
-    "/usr/include/stdio.h": "libc6-dev",
     "faketime": "faketime",
     "git": "git",
     "mkfs.ext4": "e2fsprogs",

@@ -6,17 +6,9 @@ from pathlib import Path
 import pytest
 
 from tests.benchmarks import archive, bare_files, bare_filter, recording, report, scoring
-from tests.benchmarks.__main__ import BENCHMARKS, CLAIMS, main
+from tests.benchmarks.__main__ import main
 from tests.benchmarks.report import Figure
 from tests.madrob_console.recorded_runs import completed
-
-PAPER = Path(__file__).parents[2] / "madrob_console" / "ARCHITECTURE.md"
-
-
-def test_each_benchmark_proves_a_claim_of_the_paper_word_for_word() -> None:
-    text = " ".join(PAPER.read_text().split())
-    assert [claim for claims in CLAIMS.values() for claim in claims if claim not in text] == []
-    assert set(CLAIMS) <= set(BENCHMARKS)
 
 
 def good(repeats: int) -> list[Figure]:

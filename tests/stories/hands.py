@@ -32,7 +32,7 @@ MADROB = str(Path(sys.executable).with_name("madrob"))
 _HALLS = count()
 _READING = 0.5  # s that a person takes to read why a key was left out
 _FORGOTTEN = 2.0  # s after which the words about a key that was left out may be about this one
-_LEFT_OUT = (" left out: ", "Refused: ", ": look again.")
+_LEFT_OUT = (" left out: ", "Refused: ", ": look again.", "Not set up yet")
 CORRECTED, RULED, SIGNED, TAKEN_BACK = "correct", "rule on a step", "finalise", "take back"
 """Names of acts in the journal of a run."""
 _DEFAULTS: Mapping[str, Mapping[str, object]] = {
