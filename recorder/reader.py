@@ -44,6 +44,9 @@ from recorder.mcap_reader import (
 RECOVERY_RECORD = "recovery"
 """The metadata record of a repaired bag; its `problem` says what the torn one had lost."""
 
+_Chunk: TypeAlias = tuple[int | None, list[RawMessage]]
+"""Messages, and their first log time; None where they have none."""
+
 BagItem: TypeAlias = Topic | RawMessage | Metadata | Gap | ChunkEnd
 """In storage order; a topic comes before its messages, and may come again."""
 
@@ -133,7 +136,7 @@ class Bag:
         times = {path: _first_times(path) for path in self._files}
         if not all(times.values()):
             return self._through_memory()
-        files = sorted(self._files, key=lambda path: times[path][0])
+        files = sorted(self._files, key=lambda path: min(times[path]))
         stored = [time for path in files for time in times[path]]
         return self._as_stored(files) if stored == sorted(stored) else self._by_time(files)
 
@@ -160,22 +163,23 @@ class Bag:
             yield from self._as_stored(self._files)
             return
         files = [list(self._chunks(path)) for path in self._files]
-        files.sort(key=lambda chunks: chunks[0][0] if chunks else 0)
+        files.sort(key=lambda chunks: min(_starts(chunks), default=0))
         chunks = [chunk for file in files for chunk in file]
-        starts = [start for start, _ in chunks]
+        starts = _starts(chunks)
         held = [message for _, messages in chunks for message in messages]
         if starts != sorted(starts):
             held.sort(key=lambda message: message.receive_ns)
         yield from held
 
-    def _chunks(self, path: Path) -> Iterator[tuple[int, list[RawMessage]]]:
+    def _chunks(self, path: Path) -> Iterator[_Chunk]:
         """Each chunk with its first log time; at the end the messages behind the last one."""
         chunk: list[RawMessage] = []
         for item in self._items(path):
             if isinstance(item, RawMessage):
                 chunk.append(item)
             elif chunk:
-                yield min(message.receive_ns for message in chunk), chunk
+                times = [message.receive_ns for message in chunk]
+                yield min(times) if any(times) else None, chunk
                 chunk = []
         if chunk:
             yield chunk[0].receive_ns, chunk
@@ -195,6 +199,10 @@ class Bag:
 
     def _note_problem(self, file: Path, problem: str) -> None:
         self.problem = self.problem or f"{file}: {problem}"
+
+
+def _starts(chunks: Iterable[_Chunk]) -> list[int]:
+    return [start for start, _ in chunks if start is not None]
 
 
 def _first_times(path: Path) -> list[int]:

@@ -25,7 +25,7 @@ from scoring.protocol import Condition
 
 PLAN_NOTES = (
     "done: completed, timed out, aborted; valid: the first two; best: level of steps.",
-    "Interrupted and voided runs, and those aborted for a testbed fault, come next again.",
+    "Interrupted or voided runs, and aborts for a testbed fault, come next again.",
     "An attempt that was repeated counts once; practice runs never count.",
     ">: next. P: a protest is open, the line is not final.",
 )
