@@ -131,9 +131,9 @@ def test_the_screens_import_nothing_slow(module: str) -> None:
 @pytest.mark.parametrize(
     ("argv", "columns", "lines", "most"),
     [
-        (CONSOLE, 80, 24, 4_500),
-        (CONSOLE, 120, 36, 8_000),
-        (CONSOLE, 160, 50, 12_000),
+        (CONSOLE, 80, 24, 8_000),
+        (CONSOLE, 120, 36, 15_000),
+        (CONSOLE, 160, 50, 25_000),
         (PROGRAM, 80, 24, 1_000),
     ],
     ids=["a live run", "a larger one", "a very large one", "at rest"],
