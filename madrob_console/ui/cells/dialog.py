@@ -159,7 +159,7 @@ class Dialog(Vertical):
         self.answers: list[str] = []
         self.cursor = 0
         self.notice = self.overtaken = self.complaint = ""
-        self._escaped = self._left = False
+        self._escaped = self._left = self._ended = False
 
     def on_mount(self) -> None:
         self._show()
@@ -177,8 +177,14 @@ class Dialog(Vertical):
     def writing(self) -> bool:
         return isinstance(self.question, Write) and not self.overtaken
 
+    def end(self) -> None:
+        """Removes it; a key that still waits for it may not take the focus to what is gone."""
+        self._ended = True
+        self.remove()
+
     def _take_focus(self) -> None:
-        self.screen.set_focus(self._field if self.writing else None)
+        if not self._ended:
+            self.screen.set_focus(self._field if self.writing else None)
 
     def look_again(self) -> None:
         if self._fresh is None or not (self._open or self.overtaken):

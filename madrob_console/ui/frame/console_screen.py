@@ -556,9 +556,9 @@ class ConsoleScreen(Screen[None]):
         """Closes a dialog, and what was opened over it but for the question of an abort."""
         if self.asks_abort and dialog in self.dialogs[:-1]:
             self.dialogs.remove(dialog)
-            dialog.remove()
+            dialog.end()
         while dialog in self.dialogs:
-            self.dialogs.pop().remove()
+            self.dialogs.pop().end()
         self.on_descendant_focus()
         self.take_focus()
 

@@ -260,6 +260,11 @@ def test_f8_y_behind_a_flood_ends_the_run(hall: Hall) -> None:
     _flood_property(20)(hall=hall)
 
 
+def test_a_key_that_waits_for_a_question_that_is_gone_takes_no_key_from_f8(hall: Hall) -> None:
+    keys = types(["f8", "o", "f8", "o", "f8", "y"], 0.0)
+    hall.play([keys, ends_the_run], counting_down=True, gap=0.0)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(100_000)
 def test_f8_y_behind_many_floods_ends_the_run(hall: Hall) -> None:
