@@ -42,7 +42,6 @@ _LINES = (Shown.PLAIN, Shown.JSON)
 
 LOOK = (
     options.choice("--theme", ThemeName, "colours; else setting `console.theme`"),
-    Argument("--ascii", action="store_true", help="draw with ASCII characters only"),
     Argument("--no-bell", action="store_true", help="be silent"),
     Argument("--no-mouse", action="store_true", help="leave the mouse to the terminal"),
 )
@@ -149,7 +148,6 @@ def _look(arguments: argparse.Namespace, settings: Settings) -> ConsoleSettings:
     return replace(
         settings.console,
         theme=arguments.theme or settings.console.theme,
-        ascii=arguments.ascii or settings.console.ascii,
         bell=settings.console.bell and not arguments.no_bell,
         mouse=settings.console.mouse and not arguments.no_mouse,
     )

@@ -397,9 +397,6 @@ class ConsoleSettings(SettingsTable, frozen=True):
     theme: Annotated[ThemeName, Meta(description="dark, light or high-contrast")] = ThemeName.DARK
     bell: Annotated[bool, Meta(description="ring at start, stop and fault")] = True
     mouse: Annotated[bool, Meta(description="false leaves the mouse to the terminal")] = True
-    ascii: (
-        Annotated[bool, Meta(description="draw with ASCII only; found out when not set")] | None
-    ) = None
 
 
 def _demand_whole_path(key: str, path: str) -> None:

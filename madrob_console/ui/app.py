@@ -46,7 +46,6 @@ from madrob_console.ui.keys.terminal_driver import ConsoleDriver, KeysDropped
 from madrob_console.ui.keys.terminal_input import MOST_KEYS
 from madrob_console.ui.keys.type_ahead import UNSEEN, TypeAhead
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink, OpenClient, OpenReplay
-from madrob_console.ui.look.ascii_signs import ASCII, uses_ascii
 from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
 from madrob_console.ui.look.words import done_text
 
@@ -129,7 +128,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         for theme in THEMES:
             self.register_theme(theme)
         self.set_theme(self._look.theme)
-        self.ascii = uses_ascii(environ, self._look.ascii)
         self.rings = self._look.bell
         self.failure: MadrobError | None = None
         self._monotonic = monotonic
@@ -149,7 +147,6 @@ class MadrobApp(App[None], inherit_bindings=False):
         return [
             *super().get_line_filters(),
             *([NO_COLOURS] if self.theme == COLOURLESS else []),
-            *([ASCII] if self.ascii else []),
         ]
 
     def on_ready(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import ClassVar, cast
+from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -77,8 +77,7 @@ class Wall(View):
             pages += standings_pages(standing, size.height)
             if snapshot.run.setup is None:
                 pages = pages[1:] or pages
-        ascii_only = cast("WallApp", self.app).ascii
-        return [*head, *pages[self.page % len(pages)].drawn(size, ascii_only=ascii_only)]
+        return [*head, *pages[self.page % len(pages)].drawn(size)]
 
 
 def _head(snapshot: Snapshot, width: int) -> PageRows:

@@ -54,13 +54,13 @@ class Page:
     table: Sequence[Sequence[Span]] = ()
     below: Sequence[Span] = ()
 
-    def drawn(self, size: Size, *, ascii_only: bool) -> PageRows:
+    def drawn(self, size: Size) -> PageRows:
         width, tone = size.width, _BANDS[self.state.tone]
         above = [_row(width, Span(" ", tone))] * min(2, size.height // _ROWS_A_BAND)
         every = (
             [*above, *_texts([Span(self.state.text, tone)], width), *above],
             _texts(self.who, width),
-            _figures(self.figures, width, ascii_only=ascii_only),
+            _figures(self.figures, width),
             _boxes(self.boxes, size),
             _table(self.table, width),
             _texts(self.below, width),
@@ -83,11 +83,11 @@ def _texts(spans: Iterable[Span], width: int) -> PageRows:
     return [_row(width, Span(shortened(text, width), tone)) for text, tone in spans if text]
 
 
-def _figures(shown: Sequence[tuple[Span, str]], width: int, *, ascii_only: bool) -> PageRows:
-    """Numbers in large digits beside each other; plain ones where digits cannot be drawn."""
+def _figures(shown: Sequence[tuple[Span, str]], width: int) -> PageRows:
+    """Numbers in large digits beside each other."""
     groups = []
     for (text, tone), caption in shown:
-        rows = [text] if ascii_only else digit_rows(text)
+        rows = digit_rows(text)
         cells = max(len(row) for row in (*rows, caption))
         lines = (*((row, tone) for row in rows), (caption, Tone.DIM))
         groups.append([Span(f"   {row:^{cells}}   ", of) for row, of in lines])

@@ -167,12 +167,9 @@ class _Sheet:
         self.write(row, (len(self.cells[0]) - len(text)) // 2, text, tone)
 
     def draw_arrow(self, yaw: float) -> None:
-        """One of eight directions; the body beside a slash says which of its ends is ahead."""
+        """One of eight directions."""
         row, column = self.place
-        eighth = round(yaw / 45) % 8
-        if eighth % 2:
-            self.put(row, column + (1 if eighth in (1, 3) else -1), Span("o", Tone.STRONG))
-        self.put(row, column, Span(_ARROWS[eighth], Tone.STRONG))
+        self.put(row, column, Span(_ARROWS[round(yaw / 45) % 8], Tone.STRONG))
 
 
 _REACH = 1.2

@@ -106,7 +106,6 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         theme = "high-contrast"
         bell = false
         mouse = false
-        ascii = true
         [simulated.door]
         doorway_width = 1.2
         [simulated.sensors]
@@ -134,7 +133,7 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
     assert settings.sensor_limits() == SensorLimits(lost=4.0, rate=100.0)
     assert settings.results.root == Path("/data/runs")
     assert settings.console == ConsoleSettings(
-        theme=ThemeName.HIGH_CONTRAST, bell=False, mouse=False, ascii=True
+        theme=ThemeName.HIGH_CONTRAST, bell=False, mouse=False
     )
     assert settings.door_geometry() == DoorGeometry(
         doorway_width=1.2, thresholds=settings.scoring_thresholds()
@@ -343,7 +342,6 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
             "[[recording.limits]]\ntopics = '/tf'\nmost_rate = 0",
             "recording.limits[0].most_rate: expected a number >= 0.01",
         ),
-        ("[console]\nascii = 1", "console.ascii: expected true or false, got a whole number"),
         ("[console]\nbell = 'no'", "console.bell: expected true or false, got text"),
         ("[results]\nfolder = ''", "results.folder: expected text of length >= 1"),
         ("[plan]\nruns = [[3, 21, 1]]", "plan.runs[0][1]: expected a whole number <= 20"),
@@ -414,8 +412,7 @@ def test_the_example_shows_every_setting_with_its_default() -> None:
     for listed in ("topics", "teams", "start_poses"):
         assert shown.pop(listed)
         del defaults[listed]
-    assert [line.split()[0] for line in unset] == ["#name", "#kind", "#domain", "#ascii"]
-    assert defaults["console"].pop("ascii") is None
+    assert [line.split()[0] for line in unset] == ["#name", "#kind", "#domain"]
     assert defaults["recording"].pop("limits") == []
     assert shown["recording"].pop("limits")
     for unnamed in ("name", "kind", "domain"):

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -14,9 +11,6 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from textual import events
 
-import madrob_console.ui
-from madrob_console.common.names import terminal_safe
-from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.ui.cells.axes import scale
 from madrob_console.ui.cells.columns import GAP, Column, lay_out
@@ -33,119 +27,20 @@ from madrob_console.ui.cells.lines import (
 )
 from madrob_console.ui.cells.table import Table
 from madrob_console.ui.frame.frame_lines import tiny_lines
-from madrob_console.ui.look.ascii_signs import LIKENESS, to_ascii, uses_ascii
 from madrob_console.ui.panes.list_columns import number_text
 from scoring.protocol import Outcome, Step
 from tests.madrob_console.ui.driver import (
-    DEFAULTS,
     Alone,
-    Driver,
     Story,
-    on_engine,
-    opened,
-    play,
     play_alone,
     showing,
 )
 from tests.madrob_console.ui.inline_engine import HandEngine, at_rest, start
 
-UI = Path(next(iter(madrob_console.ui.__path__)))
-TEXTS = st.text() | st.text(alphabet="ab é門❤👩🏽🏴🇩🇪₂█─\u200d\ufe0f\u0301\U000e0067")
 
-
-@pytest.mark.parametrize(
-    ("environ", "ascii_only"),
-    [
-        ({}, False),
-        ({"TERM": "xterm-256color", "LANG": "de_DE.UTF-8"}, False),
-        ({"TERM": "linux", "LANG": "en_US.utf8"}, False),
-        ({"LC_CTYPE": "UTF-8"}, False),
-        ({"LC_ALL": "C.UTF-8", "LANG": "C"}, False),
-        ({"LC_ALL": "", "LANG": ""}, False),
-        ({"LANG": "C"}, True),
-        ({"LANG": "POSIX"}, True),
-        ({"LANG": "en_US"}, True),
-        ({"LANG": "de_DE@euro"}, True),
-        ({"LC_CTYPE": "en_US.ISO-8859-1", "LANG": "en_US.UTF-8"}, True),
-        ({"LC_ALL": "C", "LC_CTYPE": "C.UTF-8", "LANG": "C.UTF-8"}, True),
-        ({"TERM": "vt100", "LANG": "C.UTF-8"}, True),
-        ({"TERM": "vt102"}, True),
-        ({"TERM": "vt220"}, True),
-    ],
-)
-def test_terminal_and_locale_decide_unless_told(environ: dict[str, str], ascii_only: bool) -> None:
-    assert uses_ascii(environ) is ascii_only
-    assert uses_ascii(environ, wanted=True) is True
-    assert uses_ascii(environ, wanted=False) is False
-
-
-def test_every_likeness_takes_the_one_cell_of_its_sign() -> None:
-    for code, likeness in LIKENESS.items():
-        assert cell_len(chr(code)) == 1
-        assert len(likeness) == 1
-        assert likeness.isascii()
-        assert likeness.isprintable()
-
-
-def test_every_sign_that_the_screens_draw_has_a_likeness() -> None:
-    drawn = {char for path in UI.rglob("*.py") for text in literals(path) for char in text}
-    assert {char for char in drawn if not char.isascii()} <= {*map(chr, LIKENESS)}
-
-
-def literals(path: Path) -> Iterator[str]:
-    """The texts in a module."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.value
-
-
-@pytest.mark.parametrize(
-    ("text", "drawn"),
-    [
-        ("✓ done, 3 ±0.5 …", "v done, 3 +0.5 ~"),
-        ("╭─┬─╮│═║┼\u2571\u2572\u2573", "+-+-+|=|+/\\X"),
-        ("⠀⠃⡠⣿▁█↑→↓←", " '.:_#^>v<"),
-        ("Zürich Åse e\u0301 Łódź", "Zurich Ase e ?odz"),
-        ("門 Bots", "?? Bots"),
-        ("🤖👩\u200d👩\u200d👧x", "????x"),
-        ("½", "?"),
-    ],
-)
-def test_signs_become_their_likeness_and_letters_lose_accents(text: str, drawn: str) -> None:
-    assert to_ascii(text) == drawn
-
-
-@given(TEXTS.map(terminal_safe))
-def test_any_text_becomes_ascii_in_as_many_cells(text: str) -> None:
-    drawn = to_ascii(text)
-    assert drawn.isascii()
-    assert len(drawn) == cell_len(text)
-
-
-@pytest.mark.slow
-async def test_on_no_screen_is_anything_but_ascii() -> None:
-    names = replace(DEFAULTS, team="Zürich 門", referee="Åse")
-
-    def is_ascii(driver: Driver) -> bool:
-        return driver.text.isascii()
-
-    story: Story = [
-        (opened(defaults=names, look=ConsoleSettings(ascii=True)),),
-        (on_engine(competition="Coupe d'été"),),
-        ("f2 enter tab", is_ascii, "Zurich ??", " v 8 ok"),
-        (Driver.run,),
-        ("f3 f8", is_ascii, "+-------", "+=+-+-*+=+"),  # the clock
-        ("escape",),
-        (Driver.finish,),
-        *((key, is_ascii) for key in ("f4", "f1", "h", "s", "g", "ctrl+p")),
-    ]
-    await play(HandEngine, story)
-
-
-@pytest.mark.parametrize("ascii_only", [False, True])
-def test_no_two_digits_of_the_clock_look_alike(*, ascii_only: bool) -> None:
+def test_no_two_digits_of_the_clock_look_alike() -> None:
     drawn = ["\n".join(digit_rows(sign)) for sign in "0123456789:.-?"]
-    assert len({to_ascii(text) if ascii_only else text for text in drawn}) == len(drawn)
+    assert len(set(drawn)) == len(drawn)
 
 
 WIDTH = 12

@@ -31,7 +31,6 @@ from madrob_console.ui.cells.lines import plain
 from madrob_console.ui.frame.frame_lines import playback_line, tiny_lines
 from madrob_console.ui.frame.key_line import KeyLine
 from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBACK_KEYS
-from madrob_console.ui.look.ascii_signs import to_ascii
 from madrob_console.ui.panes.result_pane import ResultHead
 from madrob_console.ui.panes.top_view import doorway, top_view
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose, Step
@@ -108,19 +107,12 @@ def test_the_robot_stands_where_it_is_in_metres(
     assert any("WRONG SIDE" in row for row in rows) is not right_side
 
 
-SIGNS = (" ^ ", " \\o", " < ", " /o", " v ", "o\\ ", " > ", "o/ ")
-
-
 @pytest.mark.parametrize("eighth", range(8))
-def test_the_arrow_follows_the_yaw_and_in_ascii_every_direction_reads_differently(
-    eighth: int,
-) -> None:
-    sign = SIGNS[eighth]
+def test_the_arrow_follows_the_yaw(eighth: int) -> None:
     for yaw in (45 * eighth, 45 * eighth + 20, 45 * eighth - 20, 45 * eighth - 360):
         rows = drawn(starting(Side.CCW), StartPose(1.5, 0.0, yaw))
         y, x = place(rows, ARROWS)
         assert rows[y][x] == ARROWS[eighth]
-        assert to_ascii(rows[y])[x - 1 : x + 2] == sign
 
 
 @pytest.mark.parametrize("side", Side)

@@ -13,7 +13,6 @@ import pytest
 from textual.worker import WorkerCancelled
 
 from madrob_console.common.names import SourceKind
-from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.requests import Role
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.referee.acts import Start
@@ -88,7 +87,6 @@ class Case(NamedTuple):
     size: tuple[int, int] = SMALL
     engine: Mapping[str, Any] = {}
     runs: Sequence[RunSummary] = ()
-    ascii_only: bool = False
     team: str | None = None
     """Whose run goes on."""
 
@@ -120,9 +118,8 @@ async def see(case: Case, results: Path) -> None:
     for run in case.runs:
         write(results, run)
     clock = [0.0]
-    look = ConsoleSettings(ascii=case.ascii_only)
     defaults = replace(DEFAULTS, results=results)
-    app = WallApp(engine.find, defaults, look, lambda: clock[0])
+    app = WallApp(engine.find, defaults, monotonic=lambda: clock[0])
     async with app.run_test(size=case.size) as pilot:
         wall = Hall(app, pilot, engine, clock)
         await Shown.until(wall, "WATCHING")
@@ -265,12 +262,6 @@ CASES = {
         )
         for team in TEAMS
     },
-    "without large digits the numbers are plain": Case(
-        [("", "0:00.0", "1 ????????", says("RUNNING"))],
-        (160, 50),
-        team="東京大学",
-        ascii_only=True,
-    ),
     "the hall hears of a pause, and since when it has lasted": Case(
         [
             (sets(pulse=Pulse(server=3)),),

@@ -216,7 +216,7 @@ def test_a_console_without_arguments_comes_back_to_the_engine_of_its_results_fol
     process = bench.served("--scenario=slow", "--seed=5")
     for other in (["--seed=6"], ["--testbed", "ros"], ["--domain=3"], [f"--results={ROOT}"]):
         assert meant(*other) == []
-    assert meant("--ascii") == [process.pid]
+    assert meant("--no-bell") == [process.pid]
     arguments = build_parser().parse_args(["console"])
     running_engines.mean(arguments, *bench.only_its_own())
     with closing(attach(arguments, load_settings(None), Role.REFEREE)) as console:
