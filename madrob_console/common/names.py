@@ -85,7 +85,7 @@ def _shown(char: str) -> str:
 
 
 class ThemeName(StrEnum):
-    """Look of the screens, reduced to what the terminal can show."""
+    """Look of the screens."""
 
     DARK = "dark"
     LIGHT = "light"

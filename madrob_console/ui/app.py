@@ -6,7 +6,7 @@ import getpass
 import os
 import shlex
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path, PurePath
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, ClassVar
 from textual import events
 from textual.app import App
 from textual.binding import BindingType
-from textual.filter import LineFilter
 from textual.message import Message
 from textual.screen import Screen, SystemModalScreen
 from textual.widget import MountError
@@ -46,7 +45,7 @@ from madrob_console.ui.keys.terminal_driver import ConsoleDriver, KeysDropped
 from madrob_console.ui.keys.terminal_input import MOST_KEYS
 from madrob_console.ui.keys.type_ahead import UNSEEN, TypeAhead
 from madrob_console.ui.link import NOT_YET, ConsoleDefaults, EngineLink, OpenClient, OpenReplay
-from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
+from madrob_console.ui.look.themes import THEMES
 from madrob_console.ui.look.words import done_text
 
 if TYPE_CHECKING:
@@ -119,12 +118,9 @@ class MadrobApp(App[None], inherit_bindings=False):
         ahead: TypeAhead | None = None,
         open_replay: OpenReplay | None = None,
     ) -> None:
-        environ = os.environ.copy()
-        os.environ.pop("NO_COLOR", None)  # textual makes it grey; the themes make it colourless
         super().__init__(driver_class=ConsoleDriver)
         self.animation_level = "none"  # each frame would cross the line
         self._look = look or ConsoleSettings()
-        self._environ = environ
         for theme in THEMES:
             self.register_theme(theme)
         self.set_theme(self._look.theme)
@@ -142,12 +138,6 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     def get_default_screen(self) -> Screen[None]:
         return self._console
-
-    def get_line_filters(self) -> Sequence[LineFilter]:
-        return [
-            *super().get_line_filters(),
-            *([NO_COLOURS] if self.theme == COLOURLESS else []),
-        ]
 
     def on_ready(self) -> None:
         self.run_worker(self._connect, thread=True)
@@ -177,7 +167,7 @@ class MadrobApp(App[None], inherit_bindings=False):
         return ThemeName
 
     def set_theme(self, name: str) -> None:
-        self.theme = theme_for(name, self._environ)
+        self.theme = name
         if self.is_running:
             self._console.say(f"Theme: {name}.")
 
@@ -333,7 +323,7 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     def _copy(self, copy: Copy) -> None:
         self.copy_to_clipboard(copy.text)  # of the referee's own machine, through SSH (OSC 52)
-        tmux = "TMUX" in self._environ or self._environ.get("TERM", "").startswith("tmux")
+        tmux = "TMUX" in os.environ or os.environ.get("TERM", "").startswith("tmux")
         words = "Copied, if tmux has `set-clipboard on`" if tmux else "Copied"
         shown = f": {copy.text}" if "\n" not in copy.text else ""
         self._console.say(f"{words}: {copy.what}{shown}", Tone.GOOD)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePath
 from typing import ClassVar
@@ -18,10 +18,8 @@ from rich.cells import cell_len
 from rich.color import Color, ColorSystem
 from rich.console import RenderableType
 from rich.segment import Segment
-from rich.terminal_theme import TerminalTheme
 from textual._compositor import Compositor, CompositorUpdate
 from textual.app import App, ComposeResult
-from textual.color import WHITE
 from textual.containers import Vertical
 from textual.screen import Screen
 
@@ -36,7 +34,7 @@ from madrob_console.referee.team_list import TeamList
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.cells.lines import TONE_CLASSES, Line, Lines, Span, Tone, line
-from madrob_console.ui.look.themes import COLOURLESS, NO_COLOURS, THEMES, theme_for
+from madrob_console.ui.look.themes import THEMES
 from madrob_console.ui.look.words import clock_text, fitted, minutes_text, wrapped
 from scoring.protocol import Outcome, Side, Step
 from scoring.result import value_text
@@ -249,19 +247,6 @@ async def test_what_is_written_adds_up_to_the_screen(monkeypatch: pytest.MonkeyP
 UI = Path(next(iter(madrob_console.ui.__path__)))
 Rgb = tuple[int, int, int]
 LEAST = {ThemeName.DARK: 4.5, ThemeName.LIGHT: 4.5, ThemeName.HIGH_CONTRAST: 7.0}
-XTERM = (
-    *((0, 0, 0), (205, 0, 0), (0, 205, 0), (205, 205, 0)),
-    *((0, 0, 238), (205, 0, 205), (0, 205, 205), (229, 229, 229)),
-    *((127, 127, 127), (255, 0, 0), (0, 255, 0), (255, 255, 0)),
-    *((92, 92, 255), (255, 0, 255), (0, 255, 255), (255, 255, 255)),
-)
-CONSOLE = (
-    *((0, 0, 0), (170, 0, 0), (0, 170, 0), (170, 85, 0)),
-    *((0, 0, 170), (170, 0, 170), (0, 170, 170), (170, 170, 170)),
-    *((85, 85, 85), (255, 85, 85), (85, 255, 85), (255, 255, 85)),
-    *((85, 85, 255), (255, 85, 255), (85, 255, 255), (255, 255, 255)),
-)
-"""The Linux console's."""
 
 
 class Tones(Lines):
@@ -353,11 +338,6 @@ def luminance(rgb: Rgb) -> float:
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
-def themes(suffix: str) -> Iterator[tuple[ThemeName, list[Segment]]]:
-    for name in ThemeName:
-        yield name, drawn()[f"{name}{suffix}"]
-
-
 def test_all_tones_and_fields_are_looked_at() -> None:
     for segments in drawn().values():
         texts = {segment.text for segment in segments}
@@ -368,57 +348,10 @@ def test_all_tones_and_fields_are_looked_at() -> None:
 
 @pytest.mark.parametrize("system", [ColorSystem.TRUECOLOR, ColorSystem.EIGHT_BIT])
 def test_every_tone_can_be_read_on_every_background(system: ColorSystem) -> None:
-    for name, segments in themes(""):
-        for segment in segments:
+    for name in ThemeName:
+        for segment in drawn()[name]:
             text, back = (colour.get_truecolor() for colour in colours(segment, system))
             assert contrast(text, back) >= LEAST[name], (name, segment)
-
-
-@pytest.mark.parametrize("palette", [XTERM, CONSOLE])
-def test_16_colours_can_be_read_in_the_usual_palettes(palette: Sequence[Rgb]) -> None:
-    terminal = TerminalTheme((0, 0, 0), (0, 0, 0), list(palette[:8]), list(palette[8:]))
-    for name, segments in themes("-16"):
-        for segment in segments:
-            pair = colours(segment, ColorSystem.STANDARD)
-            assert all(colour.number is not None for colour in pair), (name, segment)
-            text, back = (colour.get_truecolor(terminal) for colour in pair)
-            assert contrast(text, back) >= 4.5, (name, segment)
-
-
-def test_a_screen_without_colours_tells_the_tones_that_matter_by_other_means() -> None:
-    looks = {s.text.strip(): s.style for s in NO_COLOURS.apply(drawn()[COLOURLESS], WHITE)}
-    assert all(style is not None and style.without_color == style for style in looks.values())
-    plain = looks[Tone.PLAIN]
-    assert all(looks[tone] != plain for tone in set(Tone) - {Tone.PLAIN, Tone.GOOD})
-
-
-@pytest.mark.parametrize(
-    ("environ", "theme"),
-    [
-        ({"TERM": "xterm-256color"}, "light"),
-        ({"TERM": "tmux-256color"}, "light"),
-        ({"TERM": "xterm-kitty"}, "light"),
-        ({"TERM": "xterm", "COLORTERM": "truecolor"}, "light"),
-        ({"TERM": "xterm"}, "light-16"),
-        ({"TERM": "screen"}, "light-16"),
-        ({"TERM": "linux"}, "light-16"),
-        ({"TERM": "xterm-256color", "TEXTUAL_COLOR_SYSTEM": "standard"}, "light-16"),
-        ({"TERM": "xterm", "TEXTUAL_COLOR_SYSTEM": "256"}, "light"),
-        ({"TERM": "vt100"}, COLOURLESS),
-        ({"TERM": "vt220"}, COLOURLESS),
-        ({"TERM": "xterm-256color", "NO_COLOR": "1"}, COLOURLESS),
-        ({"TERM": "linux", "NO_COLOR": "0"}, COLOURLESS),
-        ({"TERM": "xterm-256color", "NO_COLOR": ""}, "light"),
-    ],
-)
-def test_a_terminal_gets_what_it_can_show(environ: dict[str, str], theme: str) -> None:
-    assert theme_for(ThemeName.LIGHT, environ) == theme
-
-
-@pytest.mark.parametrize("name", ThemeName)
-@pytest.mark.parametrize("term", ["xterm-256color", "linux", "vt100"])
-def test_every_theme_that_is_asked_for_exists(name: ThemeName, term: str) -> None:
-    assert theme_for(name, {"TERM": term}) in {theme.name for theme in THEMES}
 
 
 TEXTS = st.text(st.characters(categories=["L", "N", "P", "Zs", "So"]), max_size=60)
