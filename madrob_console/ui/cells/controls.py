@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from rich.cells import cell_len
 from textual import events
@@ -109,14 +109,6 @@ class Label(Lines):
 
     def lines(self, width: int) -> Sequence[Line]:
         return with_keys(paragraph(self._text, width, self.tone), self._named)
-
-
-class Said(NamedTuple):
-    """A message; `at` is in s since the epoch."""
-
-    at: float
-    text: str
-    tone: Tone
 
 
 class PushButton(Lines, can_focus=True):

@@ -291,7 +291,7 @@ class ConsoleScreen(Screen[None]):
     async def begin_polling(self) -> None:
         from madrob_console.ui.panes.all_panes import Panes
 
-        panes = Panes(self._link, self._defaults, self._status.said)
+        panes = Panes(self._link, self._defaults)
         for pane in panes:
             pane.display = False
         with self.app.batch_update():

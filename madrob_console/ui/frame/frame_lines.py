@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
@@ -15,7 +14,6 @@ from madrob_console.common.names import REHEARSAL, SourceKind
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.axes import scale
-from madrob_console.ui.cells.controls import Said
 from madrob_console.ui.cells.lines import (
     Line,
     Lines,
@@ -201,7 +199,7 @@ _GRAVE = (Tone.BAD, Tone.WARN)
 
 
 class StatusLine(Lines):
-    """A message; if there is none, the hint. `said` has the last fifty.
+    """A message; if there is none, the hint.
 
     `wall` gives the time in s since the epoch.
     """
@@ -210,7 +208,6 @@ class StatusLine(Lines):
         super().__init__(id="status-line")
         self._wall = wall
         self._said = ""
-        self.said: deque[Said] = deque(maxlen=50)
         self._at = 0.0
         self.hint = hint
         self.tone = Tone.DIM
@@ -228,8 +225,6 @@ class StatusLine(Lines):
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         self._said, self.tone = text, tone if text else Tone.DIM
         self._at = self._wall()
-        if text:
-            self.said.append(Said(self._at, text, tone))
         self.redraw()
 
     def go(self) -> None:

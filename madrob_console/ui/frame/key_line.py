@@ -28,7 +28,7 @@ _FOOTER = (
     "leave",
 )
 _ENTER = {"setup": "Set up", "plan": "Set up", "standings": "Runs"} | dict.fromkeys(
-    ("figures", "help", "messages"), ""
+    ("figures", "help"), ""
 )
 """What Enter does where it opens no menu."""
 

@@ -169,7 +169,6 @@ LETTER_KEYS = (
     ),
     Key("history", "h", "h", "History", "all runs", pane="history"),
     Key("plan", "p", "p", "Plan", "the competition's plan: done, next and left", pane="plan"),
-    Key("messages", "m", "m", "Messages", "the last fifty messages", pane="messages"),
     Key("standings", "s", "s", "Standings", "teams and conditions compared", pane="standings"),
     Key("palette", "ctrl+p", "^P", "Commands", "every command by name; themes"),
     Key(

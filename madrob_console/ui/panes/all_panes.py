@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from madrob_console.archive.history import History
 from madrob_console.engine.requests import GiveCurves
-from madrob_console.ui.cells.controls import Said
 from madrob_console.ui.link import ConsoleDefaults, EngineLink
 from madrob_console.ui.panes.figures_pane import FiguresPane
 from madrob_console.ui.panes.help_pane import HelpPane
 from madrob_console.ui.panes.history_pane import HistoryPane
 from madrob_console.ui.panes.live_pane import LivePane
-from madrob_console.ui.panes.messages_pane import MessagesPane
 from madrob_console.ui.panes.plan_pane import PlanPane, PlanReader
 from madrob_console.ui.panes.result_pane import ResultsPane
 from madrob_console.ui.panes.setup_pane import SetupPane
@@ -26,7 +24,6 @@ Pane = (
     | HistoryPane
     | PlanPane
     | StandingsPane
-    | MessagesPane
     | HelpPane
 )
 
@@ -34,7 +31,7 @@ Pane = (
 class Panes:
     """One of each, by name."""
 
-    def __init__(self, link: EngineLink, defaults: ConsoleDefaults, said: Sequence[Said]) -> None:
+    def __init__(self, link: EngineLink, defaults: ConsoleDefaults) -> None:
         history = History(defaults.results)
         plan = PlanReader(link)
         self.setup = SetupPane(link, defaults, plan)
@@ -44,7 +41,6 @@ class Panes:
         self.history = HistoryPane(history.refresh)
         self.plan = PlanPane(plan)
         self.standings = StandingsPane(history.refresh, defaults.best_runs)
-        self.messages = MessagesPane(said)
         self.help = HelpPane()
 
     def __getitem__(self, name: str) -> Pane:

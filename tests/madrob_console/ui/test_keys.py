@@ -320,13 +320,11 @@ STORIES: Stories = {
         ),
         ("enter y p", lambda d: Path(d.copies[-1]).name == summary(7).folder),
     ],
-    "letters of the menu say how to press them and messages are kept": [
+    "letters of the menu say how to press them": [
         *STOPPED,
         ("f4 f", says("Sign: press Enter, then f")),
         ("u", says("Re-issue: not now: only a final result is re-issued")),
         ("v", lambda driver: "Void" not in driver.console.status),  # a key of the result itself
-        ("m", "Sign: press Enter, then f", "Re-issue: not now"),
-        ("slash =sign enter", no("Re-issue: not now")),
     ],
     "a command is found by its name and by what it means": [
         ("f3",),
@@ -463,7 +461,7 @@ PLACES = [
     ("the run goes on", "f3 'f3 f8 1' 'f3 f9'"),
     ("the run goes on", "'f3 4 r' 'f3 enter'"),
     ("the run has stopped", "f2 f4 'f4 enter g home up up' 'f4 p'"),
-    ("the run has stopped", "'f4 s' 'f4 m' 'f4 h' 'f4 h slash =a enter'"),
+    ("the run has stopped", "'f4 s' 'f4 h' 'f4 h slash =a enter'"),
     ("the run has stopped", "'f4 enter' 'f4 enter c' 'f4 enter P' 'f4 enter f'"),
     ("the result is final", "'f4 enter u 1'"),
 ]
