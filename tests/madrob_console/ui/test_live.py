@@ -36,7 +36,7 @@ from madrob_console.ui.panes.gauges import SPAN, DoorGauge, HandleGauge, strip_c
 from madrob_console.ui.panes.live_pane import Provisional
 from madrob_console.ui.panes.notices import EvidenceLine
 from madrob_console.ui.panes.run_status import clock_span, step_lines
-from madrob_console.ui.wall import run_page
+from madrob_console.ui.wall import step_box
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Condition, EventName, Side, Signal, Step
@@ -310,7 +310,7 @@ def shown(snapshot: Snapshot) -> dict[str, str]:
     table = step_lines(snapshot.steps, snapshot.run.start, NARROW, settled=settled)
     for text in texts(table):
         found |= {f"step {number}": time for number, time in _STEP.findall(text)}
-    for (name, tone), time in run_page(snapshot).boxes:
+    for (name, tone), time in (step_box(snapshot, record) for record in snapshot.steps):
         if tone is Tone.LIVE:
             found[f"wall {name[0]}"] = time
     return found
