@@ -6,7 +6,7 @@ import getpass
 import os
 import shlex
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path, PurePath
@@ -20,7 +20,6 @@ from textual.screen import Screen, SystemModalScreen
 from textual.widget import MountError
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import ThemeName
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.playback import PlaybackCommand
 from madrob_console.engine.requests import (
@@ -160,11 +159,6 @@ class MadrobApp(App[None], inherit_bindings=False):
 
     def close_link(self) -> None:
         self._link.close()
-
-    @property
-    def theme_names(self) -> Iterable[str]:
-        """The console's own, whose contrast is measured."""
-        return ThemeName
 
     def set_theme(self, name: str) -> None:
         self.theme = name

@@ -7,14 +7,15 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, cast
 
+from textual import events
 from textual.await_complete import AwaitComplete
 from textual.command import CommandPalette, Hit, Hits, Provider
 from textual.content import Content
 from textual.css.query import NoMatches
 from textual.errors import NoWidget
-from textual.message import Message
 from textual.worker import Worker
 
+from madrob_console.common.names import ThemeName
 from madrob_console.ui.keys.console_app import ConsoleApp
 from madrob_console.ui.keys.key_table import KEYS
 from scoring.protocol import Step
@@ -37,9 +38,9 @@ class ConsolePalette(CommandPalette):
         """As Textual's; a search whose list is missing fails alone."""
         return super().run_worker(*search, **options | {"exit_on_error": False})
 
-    async def _dispatch_message(self, message: Message) -> None:
+    async def on_event(self, event: events.Event) -> None:
         with suppress(NoMatches, NoWidget):
-            await super()._dispatch_message(message)
+            await super().on_event(event)
 
 
 class ConsoleCommands(Provider):
@@ -50,8 +51,8 @@ class ConsoleCommands(Provider):
 
     async def search(self, query: str) -> Hits:
         matcher = self.matcher(query)
-        for text, command, help_text, words, possible in _commands(cast("ConsoleApp", self.app)):
-            score = max(matcher.match(text), matcher.match(words) / 2) if query else 1.0
+        for text, command, help_text, possible in _commands(cast("ConsoleApp", self.app)):
+            score = matcher.match(text) if query else 1.0
             if score > 0:
                 shown = matcher.highlight(text) if query else Content(text)
                 blank = max(1, _TEXT - shown.cell_length)
@@ -59,8 +60,8 @@ class ConsoleCommands(Provider):
                 yield Hit(score if possible else score / 4, row, command, text)
 
 
-_Command = tuple[str, Callable[[], object], str, str, bool]
-"""A command's text, what it does, what that means, what it is found by, whether it is possible."""
+_Command = tuple[str, Callable[[], object], str, bool]
+"""A command's text, what it does, what that means, whether it is possible."""
 
 
 def _commands(app: ConsoleApp) -> Iterator[_Command]:
@@ -75,10 +76,8 @@ def _commands(app: ConsoleApp) -> Iterator[_Command]:
             texts = {str(int(step)): f"{int(step)}  step {int(step)}: {step.text}" for step in Step}
         for each, text in texts.items():
             press = partial(app.action_press, key.name, each)
-            yield text, press, help_text, key.help, refused is None
-    for name in app.theme_names:
-        look = "colours of the screens"
-        yield f"Theme: {name}", partial(app.set_theme, name), look, look, True
+            yield text, press, help_text, refused is None
+    for name in ThemeName:
+        yield f"Theme: {name}", partial(app.set_theme, name), "colours of the screens", True
     state = "off" if app.rings else "on"
-    rings = "rings on start, stop and fault"
-    yield f"Bell: switch {state}", app.toggle_bell, rings, rings, True
+    yield f"Bell: switch {state}", app.toggle_bell, "rings on start, stop and fault", True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Iterable
+from collections.abc import Awaitable
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -17,9 +17,6 @@ class ConsoleApp(Protocol):
     def ring(self) -> None: ...
 
     def toggle_bell(self) -> None: ...
-
-    @property
-    def theme_names(self) -> Iterable[str]: ...
 
     def set_theme(self, name: str) -> None: ...
 

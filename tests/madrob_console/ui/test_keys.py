@@ -326,7 +326,7 @@ STORIES: Stories = {
         ("u", says("Re-issue: not now: only a final result is re-issued")),
         ("v", lambda driver: "Void" not in driver.console.status),  # a key of the result itself
     ],
-    "a command is found by its name and by what it means": [
+    "a command is found by its name": [
         ("f3",),
         *(
             row
