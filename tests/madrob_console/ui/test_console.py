@@ -18,17 +18,12 @@ from textual.widgets import Input
 
 from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.names import ThemeName
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.engine.ipc.engine_interface import EngineClient, UnsureError
-from madrob_console.engine.playback import PlaybackCommand
 from madrob_console.engine.requests import (
     UNSURE,
-    ExportDossier,
-    ExportTeam,
     OpenRun,
     Role,
-    TakeOver,
 )
 from madrob_console.engine.snapshot import Pulse, RightToAct
 from madrob_console.referee.acts import Abort, DeclareTimeout
@@ -37,7 +32,7 @@ from madrob_console.referee.team_list import TeamList
 from madrob_console.ui import awaited
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.frame.console_screen import ConsoleScreen
-from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF, KEYS, with_caps
+from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF, KEYS
 from madrob_console.ui.keys.questions import NO_REASON
 from madrob_console.ui.link import LOOKING_PERIOD
 from scoring.protocol import Step
@@ -73,62 +68,8 @@ from tests.madrob_console.ui.driver import (
     waits,
 )
 from tests.madrob_console.ui.inline_engine import HandEngine
-from tests.slowly import slow_but_for
 
-PHASES = {
-    Phase.IDLE: (),
-    Phase.READY: ("enter",),
-    Phase.COUNTDOWN: ("enter", "f6", "f5"),
-    Phase.RUNNING: ("enter", "f6", "f5"),
-    Phase.STOPPED: ("enter", "f6", "f5"),
-    Phase.FINAL: ("enter", "f6", "f5"),
-}
-OTHERS = ("", PlaybackCommand.name, TakeOver.name)
-ACTS = [key for key in KEYS.values() if key.act not in OTHERS]
 GONE = "the engine has ended"
-
-
-async def bring(driver: Driver, phase: Phase) -> None:
-    """The run into a phase, by the referee's own keys where there are any."""
-    await driver.press("f2", *PHASES[phase])
-    if phase in (Phase.RUNNING, Phase.STOPPED, Phase.FINAL):
-        await driver.let_pass(6.0)
-    if phase in (Phase.STOPPED, Phase.FINAL):
-        await driver.finish()
-    if phase is Phase.FINAL:
-        await driver.press("enter", "f", "a", "enter")
-    assert driver.engine.run.phase is phase
-
-
-@pytest.mark.parametrize("phase", slow_but_for(Phase, Phase.RUNNING))
-@pytest.mark.parametrize("size", [LARGE])
-async def test_from_every_state_every_key_acts_asks_or_says_why_not(
-    driver: Driver, engine: HandEngine, phase: Phase
-) -> None:
-    await bring(driver, phase)
-    await driver.press("f3")
-    acts = list(engine.acts)
-    engine.instead = engine.would_refuse
-    for key in ACTS:
-        engine.acts = list(acts)
-        engine.requests.clear()
-        driver.console.say("")
-        refused = engine.snapshot().refusal(key.act)
-        await driver.app.action_press(key.name, key.keys.partition(",")[0] or key.cap)
-        await driver.settle()
-        asked = list(driver.console.dialogs)
-        if refused is not None:
-            assert driver.console.status == f"Refused: {key.act}: {with_caps(refused)}", key
-            assert (engine.acts, asked) == (acts, []), key
-        elif asked:
-            assert engine.acts == acts, key
-            await driver.press("escape")
-            assert (engine.acts, driver.console.dialogs) == (acts, []), key
-        else:
-            packed = engine.sent(ExportTeam, ExportDossier)
-            done = len(engine.acts) == len(acts) + 1 or packed
-            assert done or "Refused" in driver.console.status
-        await driver.press("f3")
 
 
 async def test_however_often_one_clicks_beside_the_palette_only_it_is_closed(
@@ -316,11 +257,6 @@ STORIES: Stories = {
         (Driver.run,),
         ("f8 Y", Abort(NO_REASON)),
     ],
-    "abort is never behind the palette": [
-        (Driver.run,),
-        ("ctrl+p",),
-        ("f8 1 y", Abort("robot unsafe")),
-    ],
     "a theme is a command": [
         ("ctrl+p '=high-contrast' enter", lambda d: d.app.theme == "high-contrast"),
         (Driver.settle, "SIMULATED", says("Theme: high-contrast.")),
@@ -334,10 +270,6 @@ STORIES: Stories = {
         (Driver.finish,),
         *((key, top_has("REHEARSAL")) for key in ("f4", "f1", "h", "p", "s")),
         (resized(50, 12), "REHEARSAL"),
-    ],
-    "the theme changes at once": [
-        (lambda d: d.app.set_theme(ThemeName.HIGH_CONTRAST),),
-        (Driver.settle, lambda d: d.app.theme == "high-contrast", "SIMULATED"),
     ],
     "an earlier run is opened from the history and shown": [
         (opened(runs=[EARLIER]),),

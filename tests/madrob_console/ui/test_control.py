@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections import Counter
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import AsyncExitStack
 from functools import partial
@@ -137,8 +136,6 @@ class Hall:
         self._stack = AsyncExitStack()
         self._driver: Driver | None = None
         self._numbers = count(100)
-        self.states: Counter[str] = Counter()
-        """From which F8 y has ended a run: what is in front, and where the keys go."""
 
     def play(self, deeds: list[Deed], *, counting_down: bool, gap: float) -> None:
         try:
@@ -186,7 +183,6 @@ class Hall:
         await driver.answered()
         await let_pass(driver, STEP)
         if engine.run.active:
-            self._note(driver)
             driver.hand.gap = gap
             await type_keys(driver, "f8", "y")
             await let_pass(driver, STEP)
@@ -196,12 +192,6 @@ class Hall:
             await type_keys(driver, "escape")
         assert driver.app.screen is driver.console, driver.app.screen_stack
         assert not driver.console.dialogs, driver.text
-
-    def _note(self, driver: Driver) -> None:
-        front = [dialog.name or "" for dialog in driver.console.dialogs]
-        front += [type(screen).__name__ for screen in driver.app.screen_stack[1:]]
-        where = driver.engine.run.phase, driver.console.pane, *front
-        self.states[" ".join((*where, type(driver.app.focused).__name__))] += 1
 
 
 @pytest.fixture(scope="module")
@@ -283,5 +273,3 @@ def test_a_console_that_is_left_without_an_engine_ends_in_no_error(
 @pytest.mark.timeout(100_000)
 def test_after_many_inputs_f8_y_ends_the_run_and_escape_leads_back(hall: Hall) -> None:
     _property(int(os.environ.get("SEQUENCES", "300")))(hall=hall)
-    print(f"\nF8 y ended {hall.states.total()} runs from {len(hall.states)} states")
-    print("\n".join(f"{count:6} {state}" for state, count in hall.states.most_common()))

@@ -452,14 +452,6 @@ STORIES: Stories = {
         ("escape", lambda d: d.rows()[-1].startswith("F8 ABORT  F9 Timeout")),
     ],
     **{
-        f"an abort is answered as fast as it can be typed: {gap}": [
-            (Driver.run,),
-            (types_every(gap),),
-            ("f8 1 y", Abort("robot unsafe")),
-        ]
-        for gap in [MACHINE, SLOW]
-    },
-    **{
         f"what answers an abort is nothing else once the run is over: {gap}, {keys}": [
             (Driver.run,),
             (remember,),

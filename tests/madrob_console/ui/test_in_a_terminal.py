@@ -6,25 +6,16 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.engine.ipc import greeting, wire
-from madrob_console.engine.requests import Role
-from madrob_console.referee.run import Phase
-from madrob_console.testbeds.simulated import Scenario
-from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.terminal import check_terminal
-from scoring.protocol import Outcome
-from tests.madrob_console.engine.served import Served, simulated, start
-from tests.madrob_console.ui.driver import DEFAULTS, Shown
 from tests.madrob_console.ui.inline_engine import FOLDER
 from tests.terminal import Terminal, Tmux
-from tests.watching import until
 
 ROOT = Path(__file__).parents[3]
 PROGRAM = [sys.executable, "-m", "tests.madrob_console.ui.inline_engine"]
@@ -32,6 +23,8 @@ CONSOLE = [*PROGRAM, "--running"]
 F10 = "\x1b[21~"
 LAST_KEY = "F1 more"
 STARTING = 30.0
+HUMAN = 0.5
+"""Between two keys, s."""
 LEAVE_SCREEN, SHOW_CURSOR = b"\x1b[?1049l", b"\x1b[?25h"
 
 
@@ -80,15 +73,6 @@ def test_a_signal_ends_the_console_even_if_its_terminal_takes_nothing(running: T
 def test_a_size_in_the_environment_decides_nothing() -> None:
     with console(COLUMNS="40", LINES="10") as terminal:
         assert terminal.screen()[-1].endswith(LAST_KEY)
-
-
-@pytest.mark.machine
-def test_quitting_a_run_asks_and_then_restores_the_terminal(running: Terminal) -> None:
-    running.send(F10)
-    running.wait_for("LEAVE the console while a run goes on")
-    running.send("y")
-    assert running.wait_exit() == 0
-    assert LEAVE_SCREEN in running.output
 
 
 @pytest.mark.machine
@@ -161,122 +145,19 @@ def watch(terminal: Terminal, duration: float) -> None:
         time.sleep(0.02)
 
 
-MACHINE, HUMAN = 0.0, 0.5
-"""Between two keys, s."""
-
-
-@pytest.fixture
-def ends(tmp_path: Path) -> Path:
-    """The file by which the run ends."""
-    return tmp_path / "ends"
-
-
-@pytest.fixture
-def tmux(ends: Path) -> Iterator[Tmux]:
-    with Tmux([*CONSOLE, str(ends)], cwd=ROOT) as tmux:
-        tmux.wait_for("RUNNING", timeout=STARTING)
-        yield tmux
-
-
-@pytest.fixture
-def result(tmux: Tmux, ends: Path) -> Tmux:
-    """The run is over, and somebody has seen that."""
-    ends.touch()
-    tmux.wait_for("The result is written")
-    time.sleep(HUMAN)
-    return tmux
-
-
-def copy_folder(tmux: Tmux) -> None:
-    type_keys(tmux, "Enter y", HUMAN)
-    tmux.wait_for("the run's folder")
-    tmux.press("p")
-
-
-def type_keys(tmux: Tmux, keys: str, gap: float) -> None:
-    """By tmux's names; without a gap all at once."""
-    if not gap:
-        tmux.press(*keys.split())
-        return
-    for key in keys.split():
-        tmux.press(key)
-        time.sleep(gap)
-
-
-@pytest.mark.machine
-@pytest.mark.needs("tmux")
-@pytest.mark.parametrize("gap", [MACHINE, HUMAN])
-def test_an_abort_is_answered_at_any_speed(tmux: Tmux, gap: float) -> None:
-    type_keys(tmux, "F8 1 y", gap)
-    tmux.wait_for("ABORTED")
-
-
 @pytest.mark.machine
 @pytest.mark.needs("tmux")
 @pytest.mark.parametrize("end", [[], ["env", "-u", "TMUX"]], ids=["here", "over SSH"])
-def test_y_copies_into_a_tmux_that_lets_it(ends: Path, end: list[str]) -> None:
+def test_y_copies_into_a_tmux_that_lets_it(tmp_path: Path, end: list[str]) -> None:
+    ends = tmp_path / "ends"
     ends.touch()
     with Tmux([*end, *CONSOLE, str(ends)], cwd=ROOT) as tmux:
         tmux.set_option("set-clipboard", "on")
         tmux.wait_for("The result is written", timeout=STARTING)
-        time.sleep(HUMAN)
-        copy_folder(tmux)
+        for key in ("Enter", "y"):
+            time.sleep(HUMAN)
+            tmux.press(key)
+        tmux.wait_for("the run's folder")
+        tmux.press("p")
         tmux.wait_for("Copied, if tmux has `set-clipboard on`")
         assert tmux.buffer() == FOLDER
-
-
-FIRST = "ada@hall (1)"
-PROMPT = 1.0
-"""From the first key to the end of the run, s of this process's work, engine and console."""
-SURELY = 10.0
-"""On the clock, s: other processes may have the processor."""
-
-
-@pytest.fixture
-def served(tmp_path: Path) -> Iterator[Served]:
-    """An engine whose run ends by nobody but the referee."""
-    served = Served(tmp_path, engine=simulated(tmp_path / "runs", scenario=Scenario.NO_TOUCH))
-    yield served
-    served.close()
-
-
-def first_console(served: Served, state: str, stack: ExitStack) -> Callable[[], None]:
-    """A console that reads what it is sent, or greets and reads nothing; returns what ends it."""
-    if state != "hung":
-        client = served.attach(who=FIRST)
-        stack.callback(client.close)
-        return client.close
-    console = stack.enter_context(served.connect())
-    console.sendall(wire.frame(greeting.Hello(wire.VERSION, Role.REFEREE, FIRST)))
-    until(lambda: served.server._referee is not None)
-    return console.close
-
-
-@pytest.mark.machine
-@pytest.mark.parametrize("size", [(120, 36), (40, 12)])
-@pytest.mark.parametrize("first", ["alive", "hung", "gone"])
-async def test_two_keys_of_a_second_console_abort_the_run(
-    served: Served, first: str, size: tuple[int, int]
-) -> None:
-    gone = first == "gone"
-    with ExitStack() as stack:
-        close = first_console(served, first, stack)
-        start(served.local)
-        second = served.attach(who="bo@tent (2)")
-        app = MadrobApp(lambda _: second, DEFAULTS)
-        async with app.run_test(size=size) as pilot:
-            shown = Shown(app, pilot)
-            await app.workers.wait_for_complete()
-            if gone:
-                close()
-            await shown.until(lambda _: second.snapshot().right.free == gone)
-            began, worked = time.monotonic(), time.process_time()
-            app.simulate_key("f8")
-            await shown.until("y ABORT now" if size[0] > 60 else "Abort now?")
-            app.simulate_key("y")
-            await shown.until(lambda _: served.local.snapshot().run.phase is Phase.STOPPED)
-            took, worked = time.monotonic() - began, time.process_time() - worked
-            await app.workers.wait_for_complete()
-    assert served.local.snapshot().run.outcome is Outcome.ABORTED
-    assert worked < PROMPT
-    assert took < SURELY

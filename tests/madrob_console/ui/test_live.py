@@ -65,7 +65,6 @@ from tests.madrob_console.ui.driver import (
     passes,
     play,
     remember,
-    resized,
     says,
     sets,
     types_every,
@@ -378,10 +377,6 @@ DENIED = replace(
 )
 
 
-def has_clock(driver: Driver) -> object:
-    return all(any(sign in row for sign in "┃┗╹╺") for row in driver.rows()[2:5])
-
-
 def top_line(label: str, *words: str) -> Callable[[Driver], object]:
     """Which source it is, what is recorded, and the time of day."""
     seen = (label.split(maxsplit=1)[0], *words)
@@ -407,14 +402,6 @@ STORIES: Stories = {
     "the clock reads the time in large digits": [
         (Driver.run,),
         (passes(63.0), lambda d: [row[8:24] for row in d.rows()[2:5]] == CLOCK),
-    ],
-    "the clock is there on each terminal": [
-        (Driver.run,),
-        (passes(63.0),),
-        *(
-            (resized(*size), has_clock, "RUNNING", "run 1 of subject 1")
-            for size in ((80, 24), (120, 36), (160, 50))
-        ),
     ],
     "a ruled step tells what counts the ruling and what the sensors say": [
         (Driver.run,),
@@ -532,7 +519,6 @@ STORIES: Stories = {
         (passes(60.0), no_question, "at -3.5 s: r restarts, a accepts it"),
         ("enter a 1", AcceptFalseStart("nothing gained")),
     ],
-    "a run that is held can be aborted": [*HELD, ("f8 1 y", Abort("robot unsafe"), no_question)],
     "a false start waits until the open question is answered": [
         (Driver.set_up,),
         ("f5",),

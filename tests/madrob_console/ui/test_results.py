@@ -473,9 +473,6 @@ STORIES: Stories = {
         (has(pulse=Pulse(waiting=1)), no("NOT ON DISK")),
         ("f10", "A run is NOT ON DISK yet"),
     ],
-    "the first screen shows outcome and all indicators": [
-        (Driver.complete, "COMPLETED", "execution time", "capability level"),
-    ],
     "a missing indicator says why": [
         (
             acting(Driver.complete, Outcome.TIMEOUT),
@@ -493,9 +490,6 @@ STORIES: Stories = {
     "a live result is not marked as simulated": [
         (on_engine(kind=SourceKind.ROS, label="LIVE ros domain 0"),),
         (Driver.complete, no("not an official result")),
-    ],
-    "before a result the pane says so": [
-        ("f4", "No result yet"),
     ],
     "nothing of an old result stays behind an abort": [
         (Driver.complete,),

@@ -427,26 +427,6 @@ STORIES: Stories = {
             lambda d: d.console.query_one("#team", Field).value == "Bots One",
         ),
     ],
-    "a number that cannot be proposed is no crash": [
-        (on_engine(no_number="the results folder /results cannot be read: mount it"),),
-        (
-            "enter",
-            "x the results folder /results cannot be read: mount it",
-            lambda d: d.engine.acts == [],
-        ),
-    ],
-    "the defaults are what is proposed": [
-        (
-            "",
-            DEFAULTS.team,
-            DEFAULTS.referee,
-            "1: pull, CCW to CW",
-        ),
-    ],
-    "the competition of the engine stands above": [
-        (on_engine(competition="Spring Cup"),),
-        ("", lambda d: d.rows()[1].endswith("Spring Cup")),
-    ],
     "a letter in a number is told below the fields until it is mended": [
         (
             "f2 x",
