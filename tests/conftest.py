@@ -10,6 +10,7 @@ from collections.abc import Generator
 import pytest
 from hypothesis import settings
 
+from madrob_console.common.version import software_version
 from tests import programs, rings
 
 # else each worker and each process that a test starts compiles everything anew
@@ -22,6 +23,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # locks and logs of engines are none of the user's
 _state = tempfile.TemporaryDirectory(prefix="madrob-")
 os.environ["XDG_STATE_HOME"] = _state.name
+
+software_version()  # asks git, which no test in a ring without processes may start
 
 # textual reads these when it is imported
 for name in ("NO_COLOR", "TEXTUAL_THEME", "COLORTERM", "TEXTUAL_COLOR_SYSTEM", "COLUMNS", "LINES"):
