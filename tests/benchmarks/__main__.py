@@ -1,4 +1,4 @@
-"""Measure what a user waits for and what a machine pays, and what the papers claim of both.
+"""Measure what a user waits for and what a machine pays.
 
     python -m tests.benchmarks [NAME...] [--repeats N]
 
@@ -14,15 +14,11 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-from tests.benchmarks.archive import bag, lists
-from tests.benchmarks.commands import help_text
+from tests.benchmarks.archive import lists, run_scored
 from tests.benchmarks.engine import abort, engine_cpu
-from tests.benchmarks.memory import memory
-from tests.benchmarks.outputs import outputs
-from tests.benchmarks.recording import mcap_writer, take_loop
+from tests.benchmarks.recording import arrived
 from tests.benchmarks.report import Figure, Verdict, head, machine, row
 from tests.benchmarks.results import results
-from tests.benchmarks.scoring import batch, layouts
 from tests.benchmarks.screens import first_paint, key, live
 
 REPEATS = 5
@@ -36,32 +32,10 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     "abort": abort,
     "results": results,
     "engine": engine_cpu,
-    "take_loop": take_loop,
-    "mcap_writer": mcap_writer,
-    "layouts": layouts,
-    "batch": batch,
-    "bag": bag,
+    "arrived": arrived,
+    "run_scored": run_scored,
     "lists": lists,
-    "outputs": outputs,
-    "memory": memory,
-    "help": help_text,
 }
-
-CLAIMS: Mapping[str, Sequence[str]] = {
-    "take_loop": (
-        "an executor costs 91 to 231 us a message and loses messages at 30,000 messages/s;",
-    ),
-    "mcap_writer": ("0.7 instead of 3.4 us a message",),
-    "layouts": ("it halves the time of a rescoring.",),
-    "live": (
-        "5 instead of 33 kB/s over SSH.",
-        "5 instead of 8 kB/s in a run, 7 instead of 13 at 160x50.",
-        "2.2 times the CPU of an app that shows a clock",
-    ),
-    "help": ("`--help` takes 2.5 times what starting argparse takes;",),
-    "first_paint": ("the first paint does not wait for them.",),
-}
-"""What ARCHITECTURE.md says, word for word, by what measures it."""
 
 
 def measure(benchmarks: Mapping[str, Benchmark], repeats: int) -> Iterator[Figure]:

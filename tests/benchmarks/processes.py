@@ -1,4 +1,4 @@
-"""What running processes cost: processor time and memory, of one or of all that it has started."""
+"""What running processes cost: processor time, of one or of all that it has started."""
 
 from __future__ import annotations
 
@@ -26,16 +26,6 @@ _domains = count(30)
 def cpu_time(pid: int) -> float:
     """Of all threads of a process, user and system, s."""
     return time.clock_gettime(~pid << 3 | _SCHEDULED)
-
-
-def resident(pid: int) -> float:
-    """Memory of a process, MB."""
-    (line,) = (
-        line
-        for line in Path(f"/proc/{pid}/status").read_text().splitlines()
-        if line.startswith("VmRSS:")
-    )
-    return int(line.split()[1]) * 1024 / 1e6
 
 
 def family(pid: int) -> list[int]:

@@ -27,7 +27,7 @@ MOST = 3
 BARE = (sys.executable, "-m", "tests.benchmarks.bare_app")
 WIDGETS = (*BARE, "--widgets")
 Size = tuple[int, int]
-SMALL, USUAL, LARGE = (80, 24), (120, 36), (160, 50)
+SMALL, USUAL = (80, 24), (120, 36)
 LIVE, CLOCK, FOOTER = b"referee (sensor)", b"clock", b"F10"
 """What our live pane, the bare app and each of our screens say."""
 PANES = (("\x1b[11~", b"this page; also"), ("\x1b[12~", b"Opening side"))
@@ -64,7 +64,7 @@ class Wire(Terminal):
 
 
 def live(repeats: int) -> list[Figure]:
-    """Screens of a run, beside apps of Textual; all at once, in terminals of three sizes.
+    """Screens of a run, beside apps of Textual; all at once.
 
     The apps: many widgets with clocks, a clock.
     """
@@ -73,7 +73,6 @@ def live(repeats: int) -> list[Figure]:
         STOCK: (WIDGETS, CLOCK),
         PLAIN: (BARE, CLOCK),
     }
-    figures = []
     with ExitStack() as stack:
         engine, domain = stack.enter_context(hall(RATES[0]))
         engine.start(make_setup(timeout=TIMEOUT))
@@ -82,29 +81,19 @@ def live(repeats: int) -> list[Figure]:
         for name, (argv, text) in programs.items():
             ours = watch if text is LIVE else ()
             wires[name] = stack.enter_context(
-                Wire((*argv, *ours), {"ROS_DOMAIN_ID": str(domain)}, size=LARGE)
+                Wire((*argv, *ours), {"ROS_DOMAIN_ID": str(domain)}, size=USUAL)
             )
             wires[name].arrival(text)
-        for size in (LARGE, USUAL, SMALL):
-            for wire in wires.values():
-                wire.resize(*size)
-            sent, shares = _costs(wires, min(repeats, MOST))
-            figures += [
-                Figure(
-                    f"screen of a run, {size[0]}x{size[1]}",
-                    unit,
-                    values[CONSOLE],
-                    other,
-                    values[other],
-                    goal,
-                )
-                for unit, values, other, goal in (
-                    ("kB/s", sent, STOCK, 0.4),
-                    ("% core", shares, STOCK, 0.8),
-                    ("% core", shares, PLAIN, 3.5),
-                )
-            ]
-    return figures
+        sent, shares = _costs(wires, min(repeats, MOST))
+    name = f"screen of a run, {USUAL[0]}x{USUAL[1]}"
+    return [
+        Figure(name, unit, values[CONSOLE], other, values[other], goal)
+        for unit, values, other, goal in (
+            ("kB/s", sent, STOCK, 0.4),
+            ("% core", shares, STOCK, 0.8),
+            ("% core", shares, PLAIN, 3.5),
+        )
+    ]
 
 
 def _costs(

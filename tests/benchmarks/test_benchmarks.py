@@ -1,11 +1,11 @@
 from __future__ import annotations
 
-import zipfile
+import shutil
 from pathlib import Path
 
 import pytest
 
-from tests.benchmarks import archive, bare_files, bare_filter, recording, report, scoring
+from tests.benchmarks import archive, bare_filter, report
 from tests.benchmarks.__main__ import main
 from tests.benchmarks.report import Figure
 from tests.madrob_console.recorded_runs import completed
@@ -57,22 +57,13 @@ def test_the_table_says_what_was_measured_beside_it_and_nothing_bad_is_hidden(
 
 
 def test_what_needs_no_other_process_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive, "SIZES", (3,))
-    monkeypatch.setattr(recording, "MESSAGES", 100)
-    parts = (archive.bag, archive.lists, recording.mcap_writer, scoring.layouts)
-    figures = [figure for part in parts for figure in part(1)]
-    counts = [(len(figure.values), len(figure.others)) for figure in figures]
-    assert counts == [(1, 1)] * len(parts)
+    monkeypatch.setattr(archive, "RUNS", 3)
+    figures = [*archive.run_scored(1), *archive.lists(1)]
+    assert [(len(figure.values), len(figure.others)) for figure in figures] == [(1, 1)] * 2
 
 
-def test_the_programs_beside_it_put_the_same_bytes_there(tmp_path: Path) -> None:
-    run, packed = tmp_path / "run", tmp_path / "run.zip"
-    bare_files.main(completed(), run)
-    bare_files.main(run, packed)
-    names = sorted(path.name for path in completed().iterdir())
-    assert sorted(path.name for path in run.iterdir()) == names
-    with zipfile.ZipFile(packed) as file:
-        assert sorted(file.namelist()) == names
+def test_the_program_beside_it_filters_each_row(tmp_path: Path) -> None:
+    run = Path(shutil.copytree(completed(), tmp_path / "run"))
     bare_filter.main(run)
     rows = len(next(run.glob("*_jointState.csv")).read_text().splitlines())
     assert len((run / "bare.csv").read_text().splitlines()) == rows - 1
