@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     import pytest
 
 PACKAGES: Mapping[str, str] = {
-    "faketime": "faketime",
     "git": "git",
     "mkfs.ext4": "e2fsprogs",
     "ssh": "openssh-client",

@@ -109,7 +109,6 @@ _STARTS = ("os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.system", "s
 _WHILE_IMPORTED = {"lscpu", "fc-list"}
 _watched = False
 _sleep = time.sleep
-_start_process = BaseProcess.start
 
 
 def _heard(event: str, arguments: tuple[object, ...]) -> None:

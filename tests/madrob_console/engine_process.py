@@ -1,13 +1,8 @@
-"""`madrob` as a process of its own: an engine with a client that acts as the referee, or consoles.
-
-With `clock` the process sees a wall clock of its own (Debian's faketime); the machine's is not
-touched.
-"""
+"""`madrob` as a process of its own: an engine with a client as the referee, or consoles."""
 
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -19,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from subprocess import CompletedProcess
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any
 
 import msgspec
 
@@ -35,37 +30,17 @@ from madrob_console.referee.records import CheckName
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_setup import RunSetup
 from tests.terminal import Terminal
-from tests.watching import PATIENCE, Closing, Stutter, until, wait_gone
+from tests.watching import PATIENCE, Closing, until, wait_gone
 
 ROOT = Path(__file__).parents[2]
 MADROB = [sys.executable, "-m", "madrob_console.cli.main"]
 STARTING = 60.0
 ZERO_NEEDS = 1.1  # s: the handle's zero is the mean of a second
 BY_HAND = (CheckName.HANDLE, CheckName.POSE)
-LATE = 0.02  # s; a machine that has a processor free wakes a thread sooner
 NO_REPORTS = "[results]\nreports = false\n"
 """Settings: another process makes reports, from what is there; they have tests of their own."""
 
 _MAIN = "import sys; from madrob_console.cli.main import main; sys.exit(main())"
-# libfaketime 0.9.10 breaks `time.sleep`, which sleeps until a time that it does not know.
-_SLEEP_WITHOUT_CLOCK = """
-import select, time
-time.sleep = lambda duration: select.select([], [], [], duration) and None
-"""
-
-
-def remarks_of(result: Mapping[str, Any], stutter: Stutter) -> list[str]:
-    """What a result remarks on its data, but for what a late machine alone brings."""
-    if stutter.worst <= LATE:
-        return [*result["quality"]["remarks"]]
-    # what gets no processor is behind, as its simulation is silent or late, and has to say so
-    late = (" behind: ", " silent for ", " stood still for ", " stamps differ from reception by ")
-    return [
-        remark
-        for remark in result["quality"]["remarks"]
-        if not any(words in remark for words in late)
-        and re.search(r": stamps \d\.\d+ s late, for ", remark) is None
-    ]
 
 
 def start_madrob(
@@ -115,41 +90,12 @@ def madrob_beside(
                 raise
 
 
-class WallClock:
-    """The wall clock of a process, to be stepped while it runs; needs faketime.
-
-    Monotonic time goes on as it is.
-
-    Args:
-        folder: for the file that the process reads it from.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        library = min(Path("/usr/lib").glob("*/faketime/libfaketime.so.1"))
-        self._file = folder / "wall_clock"
-        self.step(0)
-        self.environment = {
-            "LD_PRELOAD": str(library),
-            "FAKETIME_TIMESTAMP_FILE": str(self._file),
-            "FAKETIME_CACHE_DURATION": "1",  # s; to look each time takes longer than the engine has
-            "FAKETIME_DONT_FAKE_MONOTONIC": "1",
-            "NO_FAKE_STAT": "1",
-        }
-
-    def step(self, offset: int) -> None:
-        """Let it be `offset` s ahead of the machine's."""
-        part = self._file.with_suffix(".part")
-        part.write_text(f"{offset:+d}s\n")
-        part.replace(self._file)
-
-
 class EngineProcess(Closing):
     """One engine, one referee.
 
     Args:
         results: the results folder.
         scenario: of the simulated testbed; None = the live one of `ROS_DOMAIN_ID`.
-        clock: the process's wall clock; None = the machine's.
         speed: of the simulated testbed.
         environment: of its own.
         settings: what its settings file says besides.
@@ -160,7 +106,6 @@ class EngineProcess(Closing):
         self,
         results: Path,
         scenario: str | None,
-        clock: WallClock | None = None,
         *,
         speed: float = 1.0,
         environment: Mapping[str, str] = MappingProxyType({}),
@@ -176,9 +121,9 @@ class EngineProcess(Closing):
         if scenario is None:
             testbed = ["--testbed", "ros"]
         arguments = ["engine", "serve", *testbed, f"--results={results}", f"--settings={file}"]
-        own = {**environment, **({} if clock is None else clock.environment)}
-        before += "" if clock is None else _SLEEP_WITHOUT_CLOCK
-        self.process = start_madrob(*arguments, output=self.log, before=before, environment=own)
+        self.process = start_madrob(
+            *arguments, output=self.log, before=before, environment=environment
+        )
         attached: list[RemoteEngine] = []
 
         def attach() -> bool:
@@ -364,18 +309,12 @@ class Hall(Closing):
         self.folder = Path(tempfile.mkdtemp(prefix="madrob-"))
         self.results = results or self.folder / "runs"
         self.speed, self.scenario = speed, "nominal"
-        self.stutter = Stutter()
         self.environment = {"XDG_STATE_HOME": str(self.folder), "PYTHONPATH": str(ROOT)}
         self._settings = self.folder / "madrob.toml"
         self._settings.write_text(settings)
 
-    def __enter__(self) -> Self:
-        self.stutter.__enter__()
-        return self
-
     def close(self) -> None:
         """End its engine."""
-        self.stutter.close()
         self.madrob("engine", "stop", "--force", f"--results={self.results}")
         shutil.rmtree(self.folder, ignore_errors=True)  # a process that was killed may still write
 

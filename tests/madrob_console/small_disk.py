@@ -6,7 +6,6 @@ import ctypes
 import fcntl
 import os
 import shutil
-import signal
 import struct
 import subprocess
 from collections.abc import Iterator
@@ -16,28 +15,17 @@ from pathlib import Path
 import pytest
 
 from tests.programs import found
-from tests.watching import until
+from tests.stories.disks import Disk
 
 _SHUTDOWN = 0x8004587D  # FS_IOC_SHUTDOWN: what was not synced is gone, every access fails
 _NO_LOGFLUSH = struct.pack("I", 2)
-_FREEZE, _THAW = 0xC0045877, 0xC0045878
 _IMMUTABLE = 0x00000010
 _GET_FLAGS, _SET_FLAGS = 0x80086601, 0x40086602
 _EXT4_BYTES = 8 * 1024 * 1024
 _CLONE_NEWNS = 0x00020000
 
 
-def users_of(folder: Path) -> set[int]:
-    """The processes that have something open below a folder."""
-    users = set()
-    for handle in Path("/proc").glob("[0-9]*/fd/*"):
-        with suppress(OSError):
-            if handle.readlink().is_relative_to(folder):
-                users.add(int(handle.parts[2]))
-    return users - {os.getpid()}
-
-
-class SmallDisk:
+class SmallDisk(Disk):
     """A mounted disk of 2 to 8 MB.
 
     Attributes:
@@ -45,10 +33,9 @@ class SmallDisk:
     """
 
     def __init__(self, folder: Path, mounting: list[str], image: Path | None = None) -> None:
-        self.folder = folder
+        super().__init__(folder)
         self._mounting = mounting
         self._image = image
-        self._ballast = folder / "ballast"
 
     def mount(self) -> None:
         """Put it in place; skips the test where that is not allowed."""
@@ -73,25 +60,12 @@ class SmallDisk:
             self._image = Path(shutil.copyfile(self._image, again))
         self.mount()
 
-    def restart(self) -> None:
-        """The machine starts again: all who use the disk are gone, what was synced is there."""
-        for process in users_of(self.folder):
-            with suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)
-        until(lambda: not users_of(self.folder))
-        subprocess.run(["umount", str(self.folder)], check=True, capture_output=True)
-        self.mount()
-
     def fill(self, free_blocks: int = 0) -> None:
         """Leave so many blocks, or none."""
         room = os.statvfs(self.folder)
         with self._ballast.open("wb", buffering=0) as file, suppress(OSError):
             for _ in range(room.f_bavail - free_blocks):
                 file.write(bytes(room.f_bsize))
-
-    def make_room(self) -> None:
-        """Undo `fill`."""
-        self._ballast.unlink()
 
     def turn_read_only(self) -> None:
         """What the kernel does when a file system finds an error."""
@@ -107,19 +81,6 @@ class SmallDisk:
         folder = os.open(self.folder, os.O_RDONLY)
         try:
             fcntl.ioctl(folder, _SHUTDOWN, _NO_LOGFLUSH)
-        finally:
-            os.close(folder)
-
-    @contextmanager
-    def stalled(self) -> Iterator[None]:
-        """No write comes back while inside."""
-        folder = os.open(self.folder, os.O_RDONLY)
-        try:
-            fcntl.ioctl(folder, _FREEZE, 0)
-            try:
-                yield
-            finally:
-                fcntl.ioctl(folder, _THAW, 0)
         finally:
             os.close(folder)
 

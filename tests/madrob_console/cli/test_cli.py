@@ -30,16 +30,6 @@ def folder_in(output: str) -> Path:
     return Path(last.removeprefix("run folder: "))
 
 
-@pytest.mark.parametrize(("scenario", "code"), [("nominal", 0), ("touch-only", 3)])
-def test_the_exit_code_says_how_the_run_ended(
-    scenario: str, code: int, tmp_path: Path, madrob: Madrob
-) -> None:
-    output = madrob(RUN, tmp_path, "--scenario", scenario, "--timeout", "30", code=code)
-    assert folder_in(output).is_dir()
-    assert "execution time" in output
-    assert "capability level" in output
-
-
 def test_a_run_without_a_number_takes_the_next_free_one_and_overwrites_none(
     tmp_path: Path, madrob: Madrob
 ) -> None:

@@ -252,7 +252,7 @@ def test_an_act_is_told_to_who_did_it_and_in_the_log(act: Act) -> None:
     ("act", "run", "field", "value"),
     [
         (ZeroHandle(resting(5.9)), READY, "handle_zero", 5.9),
-        (ZeroHandle(), replace(READY, handle_zero=4.0), "handle_zero", 4.0),  # of an old journal
+        (ZeroHandle(), replace(READY, handle_zero=4.0), "handle_zero", 4.0),
         (
             AcceptFalseStart("wind"),
             RUNS[Phase.COUNTDOWN],
@@ -519,9 +519,6 @@ def test_sizes_spans_and_lists_are_told_as_people_say_them(
     told: Callable[[Any], str], value: object, words: str
 ) -> None:
     assert told(value) == words
-
-
-DIGEST = "488b9290a49c12afaffc94fef48b19fbdcbd1ed80ef910c4e48a25f192b08ac9"
 
 
 def test_identities_hang_on_time_and_chance_alone_as_in_rfc_9562() -> None:

@@ -21,7 +21,6 @@ IMAGE = "sensor_msgs/msg/Image"
 DISK = EvidenceLoss.DISK
 LEFT = RecordedTopic("/left", IMAGE, messages=10, bytes=4_000_000)
 RIGHT = RecordedTopic("/right", IMAGE, messages=1, bytes=500_000, left_out=3)
-HALF = replace(LEFT, messages=5, bytes=2_000_000, lost={DISK: 5})
 POOR = replace(LEFT, lost={DISK: 2}, problem="cannot be read")
 GAP = EvidenceGap(2.0, 3.5, "its process ended")
 OPEN = EvidenceGap(7.25, None, "its process ended")

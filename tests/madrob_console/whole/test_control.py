@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import random
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
-from pathlib import Path
 
 import pytest
 
@@ -19,7 +17,6 @@ from madrob_console.referee.acts import Abort, Act, ConfirmPose, SetUp, Start, Z
 from madrob_console.referee.run import Phase
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine_process import ROOT, STARTING, Hall
-from tests.madrob_console.whole.test_survival import over_ssh
 from tests.terminal import KEYS, Terminal, Tmux
 from tests.watching import until
 
@@ -99,13 +96,6 @@ class Starter:
         return False
 
 
-def seats(hall: Hall, over: str, folder: Path, stack: ExitStack) -> Callable[[], Terminal]:
-    if over == "ssh":
-        console = stack.enter_context(over_ssh(folder))
-        return lambda: console(hall)
-    return lambda: Tmux(hall.command(), env=hall.environment, cwd=ROOT)
-
-
 def back(seat: Terminal) -> Sequence[str]:
     """Escape, so often that whatever is open is closed."""
     seat.resize(80, 24)
@@ -124,27 +114,13 @@ def hall(monkeypatch: pytest.MonkeyPatch) -> Iterator[Hall]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "over",
-    [
-        pytest.param("tmux", marks=pytest.mark.needs("tmux")),
-        pytest.param(
-            "ssh",
-            marks=[
-                pytest.mark.needs("sshd", "ssh", "ssh-keygen"),
-                pytest.mark.skipif(os.geteuid() != 0, reason="an sshd for tests needs root"),
-            ],
-        ),
-    ],
-)
+@pytest.mark.needs("tmux")
 def test_whatever_comes_f8_y_ends_the_run_and_escape_leads_back(
-    hall: Hall, over: str, tmp_path: Path, request: pytest.FixtureRequest
+    hall: Hall, request: pytest.FixtureRequest
 ) -> None:
     rng = random.Random(36)
     with ExitStack() as stack:
-        sit = seats(hall, over, tmp_path, stack)
-        seat = sit()
-        stack.callback(seat.close)
+        seat = stack.enter_context(Tmux(hall.command(), env=hall.environment, cwd=ROOT))
         seat.wait_for("Set up this run", timeout=STARTING)
         starter = Starter()
         stack.callback(starter.client.close)

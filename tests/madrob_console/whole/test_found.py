@@ -348,7 +348,7 @@ def test_what_a_disk_holds_back_is_said_to_go_on_until_it_has_ended(
         with closing(bench.attach("--scenario=no-touch")) as console:
             assert console.send_request(Perform.of(SetUp(make_setup()))) is None
             until(lambda: "recorder" in {check.name for check in console.snapshot().checks})
-            with disk.stalled():
+            with disk.hanging():
                 until(lambda: console.snapshot().pulse.disk >= 1)
                 code, said = bench.engine("stop", f"--results={bench.results}", "--force")
                 assert code == 1

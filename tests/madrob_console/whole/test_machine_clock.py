@@ -6,19 +6,11 @@ import gc
 import os
 import random
 import shutil
-import subprocess
-import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
-from dataclasses import fields
-from functools import partial
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from madrob_console.archive import score
@@ -41,8 +33,7 @@ from madrob_console.referee.acts import (
     Start,
     ZeroHandle,
 )
-from madrob_console.referee.journal import Journal, read_journal
-from madrob_console.referee.rebuild import Change
+from madrob_console.referee.journal import Journal
 from madrob_console.referee.records import IncidentKind
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
@@ -53,7 +44,7 @@ from scoring.protocol import Condition, Signal, Step
 from scoring.result import Result
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
 from tests.madrob_console.engine.machine_time import Machine
-from tests.madrob_console.engine_process import EngineProcess, WallClock
+from tests.madrob_console.engine_process import EngineProcess
 from tests.madrob_console.robots import Robot
 from tests.slowly import slow_but_for
 
@@ -180,72 +171,6 @@ def test_an_engine_that_was_held_up_takes_no_topic_for_silent(tmp_path: Path) ->
     drive.source.close()
     drive.wait(0.8)
     assert "silent for" in drive.engine.snapshot().all_faults[0]
-
-
-BEFORE, STALL = 3.0, 5.0  # s
-
-
-@contextmanager
-def busy_cores() -> Iterator[None]:
-    """Two programs of the same priority as the engine's on every core."""
-    busy = [sys.executable, "-c", "while True: pass"]
-    loops = [subprocess.Popen(busy) for _ in range(2 * (os.cpu_count() or 1))]
-    try:
-        yield
-    finally:
-        for loop in loops:
-            loop.kill()
-            loop.wait()
-
-
-JUMPS = {"clock + 1 h": HOUR, "clock - 1 h": -HOUR}
-
-
-def events_of_a_run(folder: Path, name: str) -> dict[str, float]:
-    """Times of the events since the start of a run with trouble, which says nothing of it."""
-    (folder / name).mkdir()
-    clock = WallClock(folder / name) if name in JUMPS else None
-    with EngineProcess(folder / name / "results", "nominal", clock) as engine:
-        engine.start(make_setup(countdown=1.0))
-        fresh = engine.snapshot().time
-        engine.wait_for(lambda s: s.time > fresh + BEFORE)
-        if clock is not None:
-            clock.step(JUMPS[name])
-        with busy_cores() if name == "busy cores" else nullcontext():
-            time.sleep(STALL)
-            shown = engine.snapshot()
-        document = engine.result()
-        run, dropped = engine.folder, engine.snapshot().recorder.dropped
-        if clock is not None:  # it did jump
-            assert abs(abs(engine.snapshot().time - time.time()) - HOUR) < 5.0
-        assert (shown.run.phase, document["outcome"]) == (Phase.RUNNING, "completed")
-        told = [*document["quality"]["remarks"], *shown.all_faults]
-        # a machine that has more to do than this says that, too
-        assert [words for words in told if " behind: " not in words] == []
-        assert (dropped, Bag(run).complete) == (0, True)
-        again = next(score(run)).result
-        parts = {each.name: getattr(again, each.name) for each in fields(Result)}
-        rescored = msgspec.json.decode(msgspec.json.encode(parts))
-        for part in ("indicators", "events", "steps", "quality", "outcome", "stop"):
-            assert rescored[part] == document[part]
-        check_log_times(run)
-        lines, _ = read_journal(run / "journal.jsonl")
-        (stop,) = (line for line in lines if line.what == Change.RUN_STOPS)
-        assert stop.time - float(stop.details["time"]) < 2.0  # the settle time is one of them
-    return {event["event"]: event["since_start"] for event in document["events"]}
-
-
-@pytest.mark.needs("faketime")
-@pytest.mark.slow
-def test_stepped_clocks_and_busy_cores_change_no_event_and_drop_nothing(tmp_path: Path) -> None:
-    with ThreadPoolExecutor(3) as pool:
-        side_by_side = pool.map(partial(events_of_a_run, tmp_path), ["quiet", *JUMPS])
-        quiet, *troubled = side_by_side
-    troubled.append(events_of_a_run(tmp_path, "busy cores"))
-    for name, events in zip([*JUMPS, "busy cores"], troubled, strict=True):
-        worst = max(abs(events[event] - at) for event, at in quiet.items())
-        print(f"\n{name}: 0 dropped, events differ by {1000 * worst:.1f} ms at most")
-        assert events == pytest.approx(quiet, abs=SAMPLE), name
 
 
 PAGE = os.sysconf("SC_PAGE_SIZE")

@@ -20,7 +20,6 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from madrob_console.archive import score
-from madrob_console.cli.main import main
 from madrob_console.common.clock import SystemClock
 from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.requests import Perform
@@ -38,7 +37,6 @@ from madrob_console.referee.checks import CheckState
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import Change, rebuild
 from madrob_console.referee.records import CheckName
-from madrob_console.testbeds.announcement import INFO_TOPIC
 from madrob_console.testbeds.ros import RosSource
 from recorder.reader import Bag
 from scoring.protocol import Signal
@@ -50,7 +48,6 @@ from tests.madrob_console.engine_process import (
     EngineProcess,
     journal_of,
     madrob_beside,
-    remarks_of,
     result_of,
 )
 from tests.madrob_console.ros_peer import (
@@ -229,39 +226,14 @@ def test_the_robot_of_the_guide_joins_late_and_is_misled_by_no_order_of_messages
             peer.until(lambda: what_it_did(said) == done)
 
 
-@pytest.mark.timeout(300)
-def test_the_guide_s_robot_starts_on_the_signal_and_a_held_engine_shifts_no_stamp(
-    ros_domain: int, tmp_path: Path
-) -> None:
-    """The run is recorded whole and scored the same again; messages that waited come at once."""
-    said = tmp_path / "said"
-    with program(said, robot_of_the_guide(tmp_path), ending=signal.SIGINT):
-        run = ran(tmp_path / "run")
-        until(lambda: "stop" in said.read_text())
-    assert what_it_did(said) == ["set out", "stop"]
-    after = run.result["robot_start"] - run.result["start"]
-    assert 0 < after < AT_ONCE + BUSY
-    words = f"the robot answered to the start {after:.3f} s after it"
-    assert remarks_of(run.result, run.stutter) == [words]
-    assert f"note: {words}" in run.said
-    assert "testbed: SIMULATED over ROS domain " in run.said
-    assert run.folder.parent == tmp_path / "run" / "results" / "practice"
-    assert (run.result["source"], run.result["setup"]["practice"]) == ("simulated", True)
-    assert run.result["indicators"]["capability_level"]["value"] == 6
-    assert all(one["value"] is not None for one in run.result["indicators"].values())
-    run.check_whole()
-    assert len(digests(run.folder)[INFO_TOPIC]) == 1
-    assert main(["score", "--check", str(run.folder)]) == 0
-
+def test_a_held_engine_shifts_no_stamp(ros_domain: int, tmp_path: Path) -> None:
+    """Messages that waited come at once."""
     stalled = ran(tmp_path / "stalled", stall=3.5)
     quality = stalled.result["quality"]
     assert [signal["shifted"] for signal in quality["signals"]] == [0] * len(quality["signals"])
     assert "the engine stood still for 3." in " ".join(quality["remarks"])
-    events, again = stalled.events(), next(score(stalled.folder)).result.events
-    assert [(str(event.event), event.since_start) for event in again] == events
-    assert [name for name, _ in events] == [name for name, _ in run.events()]
-    # how soon the robot hears the start
-    assert dict(events) == pytest.approx(dict(run.events()), abs=0.2)
+    again = next(score(stalled.folder)).result.events
+    assert [(str(event.event), event.since_start) for event in again] == stalled.events()
 
 
 def referee_check(snapshot: Snapshot) -> tuple[CheckState, str]:

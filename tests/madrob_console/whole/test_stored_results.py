@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.check import Grade, check_run
 from madrob_console.archive.folders import (
     JOURNAL_FILE,
     PRACTICE_FOLDER,
@@ -18,47 +16,15 @@ from madrob_console.archive.folders import (
     results_folder_of,
 )
 from madrob_console.archive.history import History
-from madrob_console.archive.run_paths import RunPath
-from madrob_console.archive.scored import open_run
 from madrob_console.cli.main import main
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.repairing import repair_all
-from madrob_console.referee.acts import Abort, Void
+from madrob_console.referee.acts import Void
 from madrob_console.referee.run_summary import RunSummary
-from madrob_console.testbeds.simulated import Scenario
-from scoring.rulesets import RulesetName
-from tests.madrob_console.engine.drive import Drive, make_setup
+from tests.madrob_console.engine.drive import Drive
 from tests.madrob_console.recorded_runs import (
-    appealed,
-    completed,
-    ended_after,
     final,
-    recorded,
-    without_digests,
 )
-
-
-def by_other_rules(root: Path) -> Path:
-    """Completed, by the rules `eurobench-2020`, with a latch sensor."""
-    drive = Drive(root, latch=True)
-    drive.whole_run(make_setup(ruleset=RulesetName.EUROBENCH_2020))
-    drive.engine.close()
-    return drive.folder
-
-
-RUNS: dict[str, Callable[[Path], Path]] = {
-    "ruled, protested and issued twice": lambda _: appealed(),
-    "completed": lambda _: completed(),
-    "timeout": lambda _: recorded(Scenario.TOUCH_ONLY),
-    "aborted": lambda _: ended_after(4.0, Abort("the door fell off")),
-    "by other rules": by_other_rules,
-}
-
-
-@pytest.mark.parametrize("name", RUNS)
-def test_a_recording_still_gives_the_stored_result(name: str, tmp_path: Path) -> None:
-    assert check_run(RunPath(RUNS[name](tmp_path))).grade is Grade.SAME
-
 
 SAID = "result.json was changed after it was written: `madrob recover` makes it again"
 CHANGES: dict[str, tuple[str, str]] = {
@@ -125,18 +91,6 @@ def test_a_changed_result_is_named_by_all_who_list_and_is_made_again(
     assert "made again" not in printed("recover", folder)[1]
 
 
-@pytest.mark.parametrize("place", [0.2, 0.4, 0.6, 0.8])
-def test_one_flipped_bit_is_found(folder: Path, place: float) -> None:
-    path = folder / RESULT_FILE
-    data = bytearray(path.read_bytes())
-    data[int(place * len(data))] ^= 1
-    path.write_bytes(data)
-    run = summary(folder)
-    assert RESULT_FILE in (run.problem or "")
-    assert (run.repairable, run.valid) == (True, False)
-    assert open_run(folder).out_of_date
-
-
 def test_opening_the_run_makes_its_result_again(folder: Path) -> None:
     right = (folder / RESULT_FILE).read_bytes()
     change_result(folder, "a better time")
@@ -160,9 +114,3 @@ def test_a_kill_before_the_line_of_a_later_result_accuses_nobody(folder: Path) -
     assert (summary(folder).problem, summary(folder).voided) == (None, True)
     path.write_bytes(first)  # the act is gone, too: that is another journal
     assert summary(folder).problem == SAID
-
-
-def test_a_result_of_a_version_without_digests_is_believed_as_before(folder: Path) -> None:
-    without_digests(folder)
-    change_result(folder, "a better time")
-    assert summary(folder).problem is None
