@@ -52,7 +52,7 @@ def compared(stored: ResultDocument | str, result: Result) -> Comparison:
         case Grade.SAME:
             return Comparison(EQUAL, grade)
         case Grade.CLOSE:
-            why = terminal_safe(library_words(stored.libraries or None, libraries_here()))
+            why = terminal_safe(library_words(stored.libraries, libraries_here()))
             return Comparison(f"equals the stored result to 1e-9: {values} ({why})", grade)
         case Grade.DIFFERS:
             return Comparison(f"differs from the stored result: {values}", grade)

@@ -53,9 +53,7 @@ class Grade(StrEnum):
         return max(grades, key=list(cls).index, default=cls.SAME)
 
 
-def library_words(stored: Libraries | None, now: Libraries) -> str:
-    if stored is None:
-        return f"the stored result does not name its libraries, now {now.words}"
+def library_words(stored: Libraries, now: Libraries) -> str:
     if stored == now:
         return f"the same libraries ({now.words}): another processor, or a changed file"
     changed = (
@@ -106,12 +104,12 @@ class Difference:
 class CheckedRun:
     """The findings of a check: every value that differs from the stored one in any digit.
 
-    The grade does not depend on `uncertainties`. `stored_by` None = the result does not say.
+    The grade does not depend on `uncertainties`.
     """
 
     differences: tuple[Difference, ...]
     uncertainties: tuple[Difference, ...]
-    stored_by: Libraries | None
+    stored_by: Libraries
     libraries: Libraries
 
     @property
@@ -172,8 +170,8 @@ class CheckedRun:
 def check_run(run: RunPath) -> CheckedRun:
     """Score a run again by its own ruleset and decisions, and compare with its `result.json`.
 
-    Values that an older version did not store are not compared. The engine's own remarks on
-    the data quality (messages lost on their way) may be stored beside those of the recording.
+    The engine's own remarks on the data quality (messages lost on their way) may be stored beside
+    those of the recording.
     """
     folder = run.path
     run.demand_recording()
@@ -187,8 +185,6 @@ def check_run(run: RunPath) -> CheckedRun:
         raise MadrobError(
             f"{folder}: has no {RESULT_FILE} to check: name a run folder with a result"
         )
-    if not (folder / RESULT_FILE).is_file():  # attached to a bag alone
-        stored.pop("files", None)
     scored = score_recording(folder)[0]
     checked = compare(stored, scored, folder)
     lost_lines = tuple(_journal_differences(folder))
@@ -220,7 +216,7 @@ def compare(stored: dict[str, Any], scored: Scored, folder: Path) -> CheckedRun:
     return CheckedRun(
         differences=tuple(each for each in differences if not _UNCERTAINTY.match(each.what)),
         uncertainties=tuple(each for each in differences if _UNCERTAINTY.match(each.what)),
-        stored_by=msgspec.convert(stored.get("libraries"), Libraries | None),
+        stored_by=msgspec.convert(stored["libraries"], Libraries),
         libraries=libraries_here(),
     )
 
@@ -243,9 +239,9 @@ def differences_between(where: str, stored: object, recomputed: object) -> Itera
     match stored, recomputed:
         case dict(), dict():
             for key, value in recomputed.items():
-                if key in stored:
+                if key in stored:  # a later version may add some
                     yield from differences_between(f"{where}.{key}".lstrip("."), stored[key], value)
-                elif where == "indicators":  # every version stored all of them
+                elif where == "indicators":
                     yield Difference(f"indicators.{key}.value", None, value["value"])
         case list(), list() if len(stored) == len(recomputed):
             for index, pair in enumerate(zip(stored, recomputed, strict=True)):
@@ -300,8 +296,6 @@ def _is_same(name: str, stored: object, digests: Mapping[str, Any], folder: Path
 def _file_differences(
     stored: object, digests: Mapping[str, Any], folder: Path
 ) -> Iterator[Difference]:
-    if stored is None:  # an older version: it wrote no digests
-        return
     if not isinstance(stored, dict):
         yield Difference("files", stored, "files with their digests")
         return

@@ -252,7 +252,7 @@ def with_result(unread: RunSummary, result: ResultDocument) -> RunSummary:
             if indicator.doubts
         },
         flags=result.flags,
-        thresholds=result.thresholds.unlike_protocol if result.thresholds else None,
+        thresholds=result.thresholds.unlike_protocol,
         issue=result.issue,
         final=closure is not None,
         team_word=None if closure is None else closure.team_word.value,

@@ -170,8 +170,8 @@ class _Sources(msgspec.Struct):
 
     issue: int
     quality: _Samples
-    journal: JournalMark = JournalMark(0, "")
-    files: dict[str, FileDigest] = {}
+    journal: JournalMark
+    files: dict[str, FileDigest]
     closure: Any = None
 
     @property
@@ -211,14 +211,12 @@ def _check(
     if is_next and (in_console or old is None):
         return
     damaged = not is_next and was_changed(stored, folder) and last.get("lines") == new.journal.lines
-    if damaged or (old is None and (not last or "sha256" in last)):
+    if damaged or old is None:
         raise DamagedIssueError(
             f"{folder}: {RESULT_FILE} is damaged, and what the recording gives is not the same: "
             "put a copy of it back, or try `madrob recover`: it makes the next version"
         )
-    if old is None:
-        return
-    if not is_next and old.journal.lines and old.journal not in marks_of(entries):
+    if not is_next and old.journal not in marks_of(entries):
         raise lost
     unsigned = old.closure is None and new.closure is None
     if unsigned and new.journal.lines > old.journal.lines:

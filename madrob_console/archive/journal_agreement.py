@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -15,14 +14,12 @@ from madrob_console.archive.run_journal import read_run_journal
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import read_all
 from madrob_console.common.stored_json import decode
-from madrob_console.referee.journal import LARGEST_JOURNAL, Entry, read_journal
+from madrob_console.referee.journal import LARGEST_JOURNAL, read_journal
 from madrob_console.referee.rebuild import Change, mark_of, marks_of
 from madrob_console.referee.records import JournalMark
 from madrob_console.referee.run import Run
 
 Details = dict[str, int | str]
-
-_DIGEST = "sha256"
 
 
 class _Marked(msgspec.Struct):
@@ -34,7 +31,7 @@ def written_details(result: bytes | memoryview) -> Details:
     """What the journal's line `result written` says of a `result.json`."""
     said = decode(result, _Marked)
     lines = 0 if said.journal is None else said.journal.lines
-    return {"issue": said.issue, "lines": lines, _DIGEST: hashlib.sha256(result).hexdigest()}
+    return {"issue": said.issue, "lines": lines, "sha256": hashlib.sha256(result).hexdigest()}
 
 
 def is_noted(data: bytes, folder: Path) -> bool:
@@ -50,8 +47,7 @@ def was_changed(data: bytes, folder: Path) -> bool:
     """Whether a `result.json` differs from the one that the journal says was written.
 
     The journal's line follows the file, and a kill can come between. So a result of more lines
-    than the last one noted waits for its line. A journal of an earlier version has no digests,
-    and an unusable one counts as none.
+    than the last one noted waits for its line. An unusable journal counts as none.
     """
     if is_noted(data, folder):
         return False
@@ -59,31 +55,14 @@ def was_changed(data: bytes, folder: Path) -> bool:
         entries, _ = read_journal(folder / JOURNAL_FILE)
     except OSError:
         return False
-    noted = _noted_in(entries)
-    if not noted or _DIGEST not in noted[-1]:
+    noted = [entry.details for entry in entries if entry.what == Change.RESULT_WRITTEN]
+    if not noted:
         return False
     try:
         mark = decode(data, _Marked).journal
     except MadrobError:
         return True
     return mark != mark_of(entries) or noted[-1].get("lines") == mark.lines
-
-
-def waits_for_line(data: bytes, folder: Path) -> bool:
-    """Whether the journal lacks the line `result written` of a `result.json`.
-
-    A kill does that, and so does somebody who deletes the line. A journal of an earlier version has
-    no digests.
-    """
-    try:
-        noted = _noted_in(read_journal(folder / JOURNAL_FILE)[0])
-    except OSError:
-        return False
-    return not is_noted(data, folder) and (not noted or _DIGEST in noted[-1])
-
-
-def _noted_in(entries: Iterable[Entry]) -> list[Mapping[str, Any]]:
-    return [entry.details for entry in entries if entry.what == Change.RESULT_WRITTEN]
 
 
 def disagreement(result: ResultDocument, folder: Path) -> str | None:
@@ -98,7 +77,7 @@ def disagreement(result: ResultDocument, folder: Path) -> str | None:
 def disagreements(result: ResultDocument, run: Run) -> Iterator[str]:
     """The differences between a result and the state of its run; cheap, numbers left out.
 
-    `result` may be of a version without the journal's mark; `run` has all lines and the mark.
+    `run` has all lines and the journal's mark.
     """
     issue = max(1, run.issue)
     if result.issue != issue:
@@ -111,8 +90,8 @@ def disagreements(result: ResultDocument, run: Run) -> Iterator[str]:
         yield f"{result.outcome}, in the journal {run.ending.outcome}"
     if (result.voided is None) is not (run.voided is None):
         yield "void, in the journal it counts" if result.voided else "void in the journal only"
-    made_of = result.journal or None
-    if made_of and run.journal and made_of != run.journal:
+    made_of = result.journal
+    if run.journal and made_of != run.journal:
         yield f"made of {made_of.lines} lines of the journal, which has {run.journal.lines}"
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import msgspec
-from msgspec import UNSET, UnsetType
 
 from madrob_console.archive.file_digests import FileDigest
 from madrob_console.archive.folders import RESULT_FORMAT
@@ -80,7 +79,7 @@ class Heading:
     setup: RunSetup
     run_id: str = ""
     testbed: str = ""
-    thresholds: Thresholds | UnsetType = UNSET
+    thresholds: Thresholds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,12 +134,12 @@ class ResultDocument(Result, Heading):
     removed_evidence: tuple[RemovedEvidence, ...] = ()
     files: dict[str, FileDigest] = field(default_factory=dict)
     files_left_out: tuple[str, ...] = ()
-    journal: JournalMark | UnsetType = UNSET
+    journal: JournalMark
     evidence: EvidenceAccount | None = None
     zero_samples: HandleRest | None = None
     robot_start: float | None = None
-    mappings: tuple[TopicMapping, ...] | UnsetType = UNSET
-    libraries: Libraries | UnsetType = UNSET
+    mappings: tuple[TopicMapping, ...]
+    libraries: Libraries
 
     @property
     def steps_done(self) -> dict[Step, float]:

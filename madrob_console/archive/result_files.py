@@ -7,7 +7,6 @@ from dataclasses import fields
 from pathlib import Path
 
 import msgspec
-from msgspec import UNSET
 
 from madrob_console.archive.file_digests import digests_of
 from madrob_console.archive.folders import RESULT_FILE, RESULT_FORMAT
@@ -36,6 +35,7 @@ def document_of(
 ) -> ResultDocument:
     """What `result.json` says; `data` are the other new files, the rest as `result_files`."""
     record, run, setup = scored.record, scored.run, scored.record.setup
+    assert run.journal is not None
     files, left_out = digests_of(inside or folder, data, folder.name)
     return ResultDocument(
         format=RESULT_FORMAT,
@@ -68,7 +68,7 @@ def document_of(
         remark=MANUAL_START,
         files=files,
         files_left_out=left_out,
-        journal=run.journal or UNSET,
+        journal=run.journal,
         flags=scored.flags,
         evidence=run.evidence if run.closure is None else run.signed_evidence,
         zero_samples=record.zero_samples,

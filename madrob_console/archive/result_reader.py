@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from madrob_console.archive.folders import ISSUE_FILE, LARGEST_NUMBER, RESULT_FILE, RESULT_FORMAT
-from madrob_console.archive.journal_agreement import is_noted, waits_for_line, was_changed
+from madrob_console.archive.journal_agreement import is_noted, was_changed
 from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.run_journal import recorded_competition
 from madrob_console.common.errors import MadrobError
@@ -67,6 +67,7 @@ class _Bounds(msgspec.Struct):
     ruleset: StoredRuleset
     indicators: dict[str, _IndicatorBounds]
     issue: Annotated[int, Meta(ge=0, le=2**53)]
+    libraries: Libraries
     stop: StartTime | None = None
     competition: Name = ""
     testbed: Name = ""
@@ -74,7 +75,6 @@ class _Bounds(msgspec.Struct):
     flags: Annotated[tuple[msgspec.Raw, ...], Meta(max_length=50)] = ()
     protests: Annotated[tuple[_ProtestBounds, ...], Meta(max_length=50)] = ()
     steps: tuple[_StepBounds, ...] = ()
-    libraries: Libraries | None = None
 
 
 class UnusableResultError(MadrobError):
@@ -100,7 +100,7 @@ def read_result(folder: str) -> ResultDocument:
 
 def lacks_line(folder: str) -> bool:
     """Whether no line of the journal has the digest of `result.json`; raises as `read_result`."""
-    return waits_for_line(_read(folder), Path(folder))
+    return not is_noted(_read(folder), Path(folder))
 
 
 def _document(data: bytes, folder: str) -> ResultDocument:

@@ -239,7 +239,7 @@ def read_recorded_run(path: Path) -> RecordedRun:
         raise MadrobError(f"{path}: {error}") from None
     rebuilt = rebuild(entries, record.handle_zero, record.zero_samples)
     run = replace(rebuilt, journal=mark_of(entries))
-    if run.setup is not None:  # journals of earlier versions do not have it
+    if run.setup is not None:
         run = replace(run, setup=replace(run.setup, competition=record.competition))
     if run.start is None:
         raise MadrobError(f"{path}: the run was never started, there is nothing to score")

@@ -7,7 +7,6 @@ from hashlib import sha256
 from pathlib import Path
 
 import msgspec
-from msgspec import UNSET
 
 from madrob_console.archive.folders import PRACTICE_FOLDER, RESULT_FILE, parse_folder_name
 from madrob_console.archive.history import misplaced
@@ -62,23 +61,19 @@ class StoredRun:
 
     @property
     def libraries(self) -> str:
-        stored = self.result.libraries
-        versions = {} if stored is UNSET else asdict(stored)
+        versions = asdict(self.result.libraries)
         return "; ".join(f"{name} {version}" for name, version in versions.items())
 
     @property
     def thresholds_changed(self) -> str:
-        stored = self.result.thresholds
-        unlike = {} if stored is UNSET else stored.unlike_protocol
+        unlike = self.result.thresholds.unlike_protocol
         return "; ".join(f"{name} {value}" for name, value in unlike.items())
 
     @property
     def mapping_digest(self) -> str:
-        """Equal where all signals were read alike; empty where the result does not tell."""
-        stored = self.result.mappings
-        if stored is UNSET:
-            return ""
-        ordered = msgspec.json.encode(sorted(stored, key=lambda mapping: mapping.signal.value))
+        """Equal where all signals were read alike."""
+        mappings = sorted(self.result.mappings, key=lambda mapping: mapping.signal.value)
+        ordered = msgspec.json.encode(mappings)
         return sha256(ordered).hexdigest()[:_SHORT]
 
     @property

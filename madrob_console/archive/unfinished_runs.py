@@ -95,8 +95,8 @@ def find_unfinished(root: Path) -> tuple[Unfinished, ...]:
 def is_held(journal: Path) -> bool:
     """Whether an engine works on the run of this journal.
 
-    Where the hold does not tell (another user's run, or one of an older version), the lock of the
-    journal does: everybody can take it who may read the file.
+    Where the hold of another user's run does not tell, the lock of the journal does: everybody can
+    take it who may read the file.
     """
     if (held := file_locks.is_held(journal.with_name(HOLD_FILE))) is not None:
         return held

@@ -22,7 +22,7 @@ UNCERTAINTY_NOTE = (
 
 NO_UNCERTAINTY_NOTE = (
     "Values with four decimals and without +-: no uncertainty is known of them. The result was "
-    "made by an earlier version, or without the recording."
+    "made without the recording."
 )
 
 BIAS_NOTE = (

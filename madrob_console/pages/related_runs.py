@@ -51,10 +51,10 @@ def report_is_old(folder: Path) -> bool:
     """Whether there is a report that names another journal than the result."""
     stated_journal = _stated(folder).get("journal")
     try:
-        mark = read_result(str(folder)).journal or None
+        mark = read_result(str(folder)).journal
     except (OSError, UnusableResultError):
         return False
-    return bool(stated_journal and mark and stated_journal != f"{mark.lines} {mark.sha256}")
+    return bool(stated_journal and stated_journal != f"{mark.lines} {mark.sha256}")
 
 
 def _stated(folder: Path) -> dict[str, str]:

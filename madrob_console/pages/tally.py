@@ -215,8 +215,7 @@ def standings(
     """The standings by subject and condition.
 
     A run with a damaged result never counts, nor does a replay. A run without a result is counted
-    as such wherever its team has a standing; one of an older version does not say whether it was
-    practice. Official and practice runs are never mixed.
+    as such wherever its team has a standing. Official and practice runs are never mixed.
 
     `best` is how many valid runs enter the aggregates: those with the highest capability level,
     completed before timed out, then with the least execution time of completed ones. 0 = all. The

@@ -57,7 +57,7 @@ class Entry:
         referee: the referee's name; may be empty.
         reason: in words; may be empty.
         details: everything needed to do it again; the content depends on `what`.
-        id: of an act that takes effect only when it is on disk; else missing, as in older journals.
+        id: of an act that takes effect only when it is on disk; else missing.
     """
 
     time: float
@@ -150,7 +150,7 @@ class Journal:
         file = checked_plain(os.open(path, flags, 0o644))
         try:
             self._hold = self._held(path.with_name(HOLD_FILE))
-            with suppress(BlockingIOError):  # older versions look here, and so can any reader
+            with suppress(BlockingIOError):  # any reader can look here
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             size = os.fstat(file).st_size
             torn = size > 0 and os.pread(file, 1, size - 1) != b"\n"

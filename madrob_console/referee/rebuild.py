@@ -162,7 +162,7 @@ def _with_observed(run: Run, entry: Entry, at: float) -> Run:
     if entry.what == Change.FALSE_START:
         mark = FalseStart(at, EventName(entry.details["event"]))
         return replace(run, false_starts=(*run.false_starts, mark))
-    kind = FaultKind(entry.details.get("kind", ""))
+    kind = FaultKind(entry.details["kind"])
     return note_fault(run, TestbedFault(at, entry.reason, kind))
 
 

@@ -133,7 +133,7 @@ class Note:
 
 
 class FaultKind(StrEnum):
-    """Kinds of faults of a testbed; other versions may have noted unknown ones."""
+    """Kinds of faults of a testbed; later versions may note unknown ones."""
 
     UNKNOWN = ""
     SOURCE = "its source says so"

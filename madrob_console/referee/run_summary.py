@@ -73,8 +73,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         protest_at: the instant in question of that or the last protest, s from the start.
         protested: a team protested at some time, whatever became of it.
         source: `ros`, `simulated` or `replay`; None = unknown.
-        practice: it does not count (protocol section 2). A run of an older version without
-            a result may be practice and not say so.
+        practice: it does not count (protocol section 2).
         competition: empty = none was set, None = its files do not say.
         problem: what is wrong with the result; then only folder, numbers and start are known.
         repairable: the result is damaged or out of date, and can be made again.

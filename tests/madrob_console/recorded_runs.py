@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
-import re
 import shutil
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from madrob_console.archive.folders import JOURNAL_FILE
+from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.referee.acts import (
     Abort,
     Act,
@@ -135,10 +135,11 @@ def copy_run(root: Path, run_number: int, scenario: Scenario = Scenario.TOUCH_ON
     return copy
 
 
-def without_digests(run: Path) -> None:
-    """Leave the journal of a run as earlier versions wrote it: it holds no digest of the result."""
-    path = run / JOURNAL_FILE
-    path.write_text(re.sub(r', "lines": \d+, "sha256": "[0-9a-f]{64}"', "", path.read_text()))
+def note_again(run: Path) -> None:
+    """Put the digest of a changed result into its journal, as if it had been written so."""
+    path, digest = run / JOURNAL_FILE, hashlib.sha256((run / RESULT_FILE).read_bytes()).hexdigest()
+    before, noted, rest = path.read_text().rpartition('"sha256": "')
+    path.write_text(f"{before}{noted}{digest}{rest[64:]}")
 
 
 def list_files(run: Path) -> None:

@@ -14,6 +14,7 @@ from madrob_console.archive.folders import RESULT_FILE, RunName
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
+from scoring.libraries import libraries_here
 from scoring.protocol import Condition, Outcome, Signal, Thresholds
 
 EPOCH = 1_700_000_000.0
@@ -44,7 +45,7 @@ def document(run: RunSummary) -> dict[str, Any]:
     """What `result.json` says of a run."""
     return {
         "format": 1,
-        "software": "madrob-console 0.1.0",
+        "software": "madrob-console 0.2.0",
         "competition": run.competition,
         "source": run.source,
         "issue": run.issue,
@@ -87,7 +88,10 @@ def document(run: RunSummary) -> dict[str, Any]:
         "run_id": run.run_id,
         "testbed": run.testbed,
         "quality": {"signals": [_DOOR | {"rate": run.rate}]},
-        **({} if run.thresholds is None else {"thresholds": {**_THRESHOLDS, **run.thresholds}}),
+        "thresholds": {**_THRESHOLDS, **(run.thresholds or {})},
+        "journal": {"lines": 0, "sha256": "0" * 64},
+        "mappings": [],
+        "libraries": msgspec.to_builtins(libraries_here()),
         **({"voided": _VOIDED} if run.voided else {}),
         "flags": msgspec.to_builtins(run.flags),
         **({} if run.protest_filed is None else {"protests": [_open_protest(run)]}),
@@ -130,6 +134,7 @@ def summary(
         "source": "ros",
         "competition": "Autumn Cup",
         "ruleset": "protocol",
+        "thresholds": {},
     }
     told.update(fields)
     told.setdefault("practice", told["source"] == "simulated")

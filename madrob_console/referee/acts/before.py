@@ -138,7 +138,7 @@ def waiver_problem(name: CheckName, checks: Iterable[Check]) -> str | None:
 class ZeroHandle(Act):
     """Take the mean handle force of the last second as zero (protocol sections 4 and 11).
 
-    The engine adds the `samples`; journals of earlier versions have none.
+    The engine adds the `samples`.
     """
 
     name = "zero the handle"
@@ -160,7 +160,7 @@ class ZeroHandle(Act):
         return ZeroHandle(situation.handle_rest)
 
     def apply(self, situation: Situation, at: float) -> Run:
-        """Sets their mean; without samples, as in old journals, the stored zero stays."""
+        """Sets their mean; without samples the zero stays."""
         samples, run = self.samples, situation.run
         if samples is None:
             return run

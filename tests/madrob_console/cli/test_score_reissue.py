@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
+import msgspec
 import pandas as pd
 import pytest
 
@@ -25,8 +26,8 @@ from madrob_console.archive.scored import open_run
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.file_locks import Hold
 from madrob_console.referee.acts import Rule
-from madrob_console.referee.journal import HOLD_FILE
-from madrob_console.referee.rebuild import Change
+from madrob_console.referee.journal import HOLD_FILE, read_journal
+from madrob_console.referee.rebuild import Change, mark_of
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Step
@@ -37,8 +38,8 @@ from tests.madrob_console.recorded_runs import (
     aborted,
     appealed,
     completed,
+    note_again,
     recorded,
-    without_digests,
 )
 
 REISSUE = "score --jobs 1 --reissue 'rules of May'"
@@ -129,7 +130,7 @@ def with_other_uncertainties(folder: Path) -> None:
     document = result(folder)
     document["indicators"]["execution_time"]["uncertainty"] = {"u": 1.0, "expanded": 2.0}
     (folder / "result.json").write_text(json.dumps(document))
-    without_digests(folder)
+    note_again(folder)
 
 
 @pytest.mark.parametrize(
@@ -208,13 +209,14 @@ GONE = "robust-2026"
 def of_rules_that_have_gone(folder: Path, madrob: Madrob) -> None:
     """A re-issue by rules that a stored result names and nobody has any more."""
     madrob(OTHER, folder)
-    without_digests(folder)
     for name in ("journal.jsonl", "result.json"):
         text = (folder / name).read_text()
         (folder / name).write_text(text.replace("eurobench-2020", GONE))
     document = result(folder)
-    del document["journal"]
+    mark = mark_of(read_journal(folder / "journal.jsonl")[0])
+    document["journal"] = msgspec.to_builtins(mark)
     (folder / "result.json").write_text(json.dumps(document))
+    note_again(folder)
 
 
 def test_a_result_of_rules_that_have_gone_is_shown_and_scored_by_those_that_stay(

@@ -57,7 +57,7 @@ from tests.madrob_console.recorded_runs import (
     STOP_AT,
     appealed,
     completed,
-    without_digests,
+    note_again,
 )
 from tests.madrob_console.run_folders import summary
 from tests.slowly import slow_but_for
@@ -226,7 +226,7 @@ def test_remarks_that_only_the_stored_result_knows_are_kept(folder: Path) -> Non
     changed = document(folder)
     changed["quality"]["remarks"].append(lost)
     (folder / "result.json").write_bytes(msgspec.json.encode(changed))
-    without_digests(folder)
+    note_again(folder)
     with opened(folder) as drive:
         result = drive.engine.snapshot().result
         assert result is not None
@@ -520,11 +520,11 @@ def test_no_act_does_anything_and_each_is_refused_with_the_reason(deck: Deck) ->
 def test_a_stored_result_that_the_bag_does_not_give_is_told_value_by_value(
     copy: Path, edit: Callable[[float], float], words: str, agrees: bool
 ) -> None:
-    without_digests(copy)  # else it would be told as a changed file
     stored = document(copy)
     indicator = stored["indicators"]["execution_time"]
     measured, indicator["value"] = indicator["value"], edit(indicator["value"])
     (copy / "result.json").write_text(json.dumps(stored))
+    note_again(copy)  # else it would be told as a changed file
     deck = Deck(copy)
     deck.to_the_end()
     told = f"execution time {measured!r}, stored {indicator['value']!r}"

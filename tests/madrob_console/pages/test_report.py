@@ -66,9 +66,9 @@ from tests.madrob_console.recorded_runs import (
     aborted,
     ended_after,
     new_drive,
+    note_again,
     publish,
     recorded,
-    without_digests,
 )
 from tests.madrob_console.run_folders import VALUES, summary, write
 
@@ -756,6 +756,6 @@ def test_the_report_made_later_is_that_of_the_run_and_of_what_its_result_alone_s
     assert page.read_text() == report_html(scored, software_version(), place)
     dropped = "recorder: 7 messages dropped"
     result.write_text(result.read_text().replace('"remarks": []', f'"remarks": ["{dropped}"]'))
-    without_digests(folder)
+    note_again(folder)
     madrob("report", folder)
     Page(page.read_text()).tells({"Data quality": (dropped,)})

@@ -282,13 +282,11 @@ def told(what: str, reason: str = "", **details: Any) -> Entry:  # noqa: ANN401
         (
             [
                 told(Change.FAULT, "door angle: silent for 1.0 s", time=100.5, kind="silent"),
-                told(Change.FAULT, "door angle: of an earlier version", time=100.5),
                 told(Change.FAULT, "all: silent for 3.0 s", time=100.5, kind="silent"),
                 told(Change.FAULT, "of a later version", time=100.5, kind="moon"),
             ],
             {
                 "faults": (
-                    Fault(100.5, "door angle: of an earlier version"),
                     Fault(100.5, "all: silent for 3.0 s", FaultKind.SILENT),
                     Fault(100.5, "of a later version"),
                 )
@@ -413,7 +411,7 @@ def seen(*signals: SignalQuality, words: str = "") -> object:
         flagged(replace(RUN, false_starts=(ACCEPTED,)), ("1 false start accepted", REMARK)),
         flagged(replace(RUN, faults=(late(99.0), late(101.0))), ("2 testbed faults", REMARK)),
         flagged(
-            replace(RUN, faults=(late(99.0), Fault(101.0, "of an earlier version"))),
+            replace(RUN, faults=(late(99.0), Fault(101.0, "door angle: silent"))),
             ("2 testbed faults", CAUTION),
         ),
         flagged(
