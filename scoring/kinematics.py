@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.imports import imports_kept
 from scoring.protocol import ScoringError, Thresholds
 from scoring.rulesets import JerkRule, LowPassRule, Ruleset, WindowRule
 
@@ -59,9 +58,8 @@ class JointState:
 
 def load_filters() -> None:
     """Import SciPy and pandas now, so that the first result does not wait for them."""
-    with imports_kept():
-        import_module("scipy.signal")
-        import_module("pandas")
+    import_module("scipy.signal")
+    import_module("pandas")
 
 
 def joint_state(

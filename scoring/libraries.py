@@ -10,8 +10,6 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from scoring.imports import imports_kept
-
 NAMES = {"python": "Python", "numpy": "NumPy", "scipy": "SciPy", "pandas": "pandas"}
 """Of the libraries, as people write them."""
 
@@ -42,10 +40,9 @@ class Libraries:
 @cache
 def libraries_here() -> Libraries:
     """The versions loaded in this process; installed ones may have been upgraded since."""
-    with imports_kept():
-        versions = {
-            each.name: str(import_module(each.name).__version__)
-            for each in fields(Libraries)
-            if each.name != "python"
-        }
+    versions = {
+        each.name: str(import_module(each.name).__version__)
+        for each in fields(Libraries)
+        if each.name != "python"
+    }
     return Libraries(python=platform.python_version(), **versions)

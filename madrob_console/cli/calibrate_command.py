@@ -14,7 +14,6 @@ from madrob_console.cli.output import complain
 from madrob_console.cli.parsing import as_path, number_within
 from madrob_console.cli.progress import progress
 from madrob_console.common.names import terminal_safe
-from scoring.imports import imports_kept
 from scoring.protocol import Side
 
 if TYPE_CHECKING:
@@ -45,9 +44,8 @@ _FILES = (
     examples=("madrob calibrate masks sweep_cw sweep_ccw --output masks.toml",),
 )
 def _masks(arguments: argparse.Namespace) -> int:
-    with imports_kept():
-        from madrob_console.cli.testbed_calibration import masks_of, masks_toml, sweep_recordings
-        from madrob_console.config import load_settings
+    from madrob_console.cli.testbed_calibration import masks_of, masks_toml, sweep_recordings
+    from madrob_console.config import load_settings
 
     settings = load_settings(arguments.settings)
     with progress("recordings"):
@@ -78,15 +76,14 @@ def _masks(arguments: argparse.Namespace) -> int:
     examples=("madrob calibrate handle rest weight --mass 2 --towards ccw",),
 )
 def _handle(arguments: argparse.Namespace) -> int:
-    with imports_kept():
-        from madrob_console.cli.testbed_calibration import (
-            handle_mapping,
-            handle_recording,
-            handle_toml,
-            level_of,
-        )
-        from madrob_console.config import load_settings
-        from scoring.calibration.handle_scale import propose_handle
+    from madrob_console.cli.testbed_calibration import (
+        handle_mapping,
+        handle_recording,
+        handle_toml,
+        level_of,
+    )
+    from madrob_console.config import load_settings
+    from scoring.calibration.handle_scale import propose_handle
 
     mapping = handle_mapping(load_settings(arguments.settings))
     paths = (arguments.rest, arguments.weight)

@@ -13,7 +13,6 @@ from madrob_console.cli import option_values, options
 from madrob_console.cli.command_line import Argument, command
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, ThemeName, terminal_safe
-from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
@@ -85,11 +84,10 @@ def _replays(arguments: argparse.Namespace) -> bool:
 
 def show(arguments: argparse.Namespace, role: Role, shown: Shown = Shown.SCREENS) -> int:
     """Show a run to a referee or to a spectator."""
-    with imports_kept():
-        from madrob_console.cli.attaching import attach, demand_engine, owned_testbed
-        from madrob_console.cli.running_engines import ask_which, engines_meant, mean
-        from madrob_console.engine.requests import Role
-        from madrob_console.ui.terminal import check_terminal, run_console
+    from madrob_console.cli.attaching import attach, demand_engine, owned_testbed
+    from madrob_console.cli.running_engines import ask_which, engines_meant, mean
+    from madrob_console.engine.requests import Role
+    from madrob_console.ui.terminal import check_terminal, run_console
 
     if shown not in _LINES:
         instead = "run" if role is Role.REFEREE else "watch --plain"

@@ -14,7 +14,6 @@ from madrob_console.cli.output import BAD_INPUT, complain
 from madrob_console.cli.parsing import whole_within
 from madrob_console.common.names import SourceKind
 from madrob_console.common.version import software_version
-from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings
@@ -99,12 +98,11 @@ def _serve(arguments: argparse.Namespace) -> int:
             complain(error)
             return TAKEN if error.same else BAD_INPUT
         server, answer, holding = owns
-        with imports_kept():
-            from madrob_console.cli.session import open_engine, reporting_of
-            from madrob_console.engine.ipc.service import FallenThreads
-            from madrob_console.engine.runtime.engine_thread import LocalEngine
-            from madrob_console.engine.runtime.scoring_process import ScoringProcess
-            from madrob_console.engine.runtime.supervisor import Supervisor
+        from madrob_console.cli.session import open_engine, reporting_of
+        from madrob_console.engine.ipc.service import FallenThreads
+        from madrob_console.engine.runtime.engine_thread import LocalEngine
+        from madrob_console.engine.runtime.scoring_process import ScoringProcess
+        from madrob_console.engine.runtime.supervisor import Supervisor
 
         fallen = FallenThreads()
         threading.excepthook = fallen.note

@@ -17,7 +17,6 @@ from madrob_console.cli.progress import progress
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
-from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.export.pack import Export
@@ -76,11 +75,10 @@ if TYPE_CHECKING:
 def export(arguments: argparse.Namespace) -> int:
     """Make the zip; name what could not be packed. The last line is the path of the zip."""
     check_options(arguments)
-    with imports_kept():
-        from madrob_console.export.contents import dossier_contents, team_contents
-        from madrob_console.export.pack import pack
-        from madrob_console.export.packed_bag import BagParts
-        from madrob_console.pages.related_runs import RelatedRuns
+    from madrob_console.export.contents import dossier_contents, team_contents
+    from madrob_console.export.pack import pack
+    from madrob_console.export.packed_bag import BagParts
+    from madrob_console.pages.related_runs import RelatedRuns
 
     notes: tuple[str, ...] = ()
     with Complaints() as complaints:
@@ -148,12 +146,11 @@ def rendered_report(run: Path, around: RelatedRuns) -> tuple[dict[str, bytes], l
 
     The files go into the zip only. They are named as in the run's folder.
     """
-    with imports_kept():
-        from madrob_console.archive.folders import PICTURES_FOLDER, REPORT_FILE
-        from madrob_console.archive.run_pictures import run_pictures, stored_pictures
-        from madrob_console.archive.scored import score_once
-        from madrob_console.common.version import software_version
-        from madrob_console.pages.report import report_html
+    from madrob_console.archive.folders import PICTURES_FOLDER, REPORT_FILE
+    from madrob_console.archive.run_pictures import run_pictures, stored_pictures
+    from madrob_console.archive.scored import score_once
+    from madrob_console.common.version import software_version
+    from madrob_console.pages.report import report_html
 
     try:
         scored = score_once(run)

@@ -12,7 +12,6 @@ from madrob_console.cli.output import BAD_INPUT, Complaints, complain
 from madrob_console.cli.safe_stream import put_bytes
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from scoring.imports import imports_kept
 
 
 @command(
@@ -39,10 +38,9 @@ from scoring.imports import imports_kept
     ),
 )
 def plan(arguments: argparse.Namespace) -> int:
-    with imports_kept():
-        from madrob_console.common.version import software_version
-        from madrob_console.pages.plan_text import condition_lines, plan_json, plan_lines
-        from madrob_console.referee.competition_plan import plan_progress, plan_remarks
+    from madrob_console.common.version import software_version
+    from madrob_console.pages.plan_text import condition_lines, plan_json, plan_lines
+    from madrob_console.referee.competition_plan import plan_progress, plan_remarks
 
     if arguments.conditions:
         print("\n".join(condition_lines()))

@@ -13,7 +13,6 @@ from madrob_console.cli.output import BAD_INPUT, Complaints, complain, name_some
 from madrob_console.cli.parsing import as_path
 from madrob_console.cli.progress import progress
 from madrob_console.common.names import is_rehearsal, terminal_safe
-from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.archive.collection import Collection
@@ -49,15 +48,14 @@ if TYPE_CHECKING:
     ),
 )
 def publish(arguments: argparse.Namespace) -> int:
-    with imports_kept():
-        from madrob_console.archive.folders import INDEX_PAGE, rehearsal_folder
-        from madrob_console.pages.publish import (
-            SiteNotWrittenError,
-            runs_without_report,
-            site_files,
-            site_held,
-            write_site,
-        )
+    from madrob_console.archive.folders import INDEX_PAGE, rehearsal_folder
+    from madrob_console.pages.publish import (
+        SiteNotWrittenError,
+        runs_without_report,
+        site_files,
+        site_held,
+        write_site,
+    )
 
     settings = option_values.settings_of(arguments)
     chosen_runs.demand_results(arguments, settings)

@@ -16,7 +16,6 @@ from madrob_console.cli.progress import counted_off
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from recorder.errors import RecorderError
-from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.archive.run_paths import RunPath
@@ -34,8 +33,7 @@ if TYPE_CHECKING:
     examples=("madrob recover my_run", "madrob recover ~/madrob_runs"),
 )
 def recover(arguments: argparse.Namespace) -> int:
-    with imports_kept():
-        from madrob_console.archive.run_paths import all_runs_at
+    from madrob_console.archive.run_paths import all_runs_at
 
     runs = all_runs_at(arguments.paths)
     with Complaints() as bad:

@@ -13,7 +13,6 @@ from madrob_console.cli.parsing import as_path
 from madrob_console.cli.progress import counted_off
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.pages.related_runs import RelatedRuns
@@ -38,9 +37,8 @@ if TYPE_CHECKING:
     ),
 )
 def report(arguments: argparse.Namespace) -> int:
-    with imports_kept():
-        from madrob_console.archive.run_paths import all_runs_at
-        from madrob_console.pages.related_runs import RelatedRuns
+    from madrob_console.archive.run_paths import all_runs_at
+    from madrob_console.pages.related_runs import RelatedRuns
 
     around = RelatedRuns()
     written: set[Path] = set()
@@ -65,13 +63,12 @@ def _make(path: Path, output: Path | None, written: set[Path], around: RelatedRu
 
 
 def _page(path: Path, output: Path | None, around: RelatedRuns) -> tuple[Path, bytes]:
-    with imports_kept():
-        from madrob_console.archive.folders import REPORT_FILE
-        from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
-        from madrob_console.archive.scored import score_opened
-        from madrob_console.common.version import software_version
-        from madrob_console.pages.related_runs import NOWHERE
-        from madrob_console.pages.report import report_html
+    from madrob_console.archive.folders import REPORT_FILE
+    from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
+    from madrob_console.archive.scored import score_opened
+    from madrob_console.common.version import software_version
+    from madrob_console.pages.related_runs import NOWHERE
+    from madrob_console.pages.report import report_html
 
     if _published(path):
         raise MadrobError(

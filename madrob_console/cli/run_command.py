@@ -12,7 +12,6 @@ from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.parsing import as_setting, number, number_within
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, clean_name, is_rehearsal, terminal_safe
-from scoring.imports import imports_kept
 from scoring.protocol import LockDetection, Outcome, StartPose
 from scoring.rulesets import RulesetName
 
@@ -115,16 +114,15 @@ def _as_setting(key: str, text: str) -> Argument:
     ),
 )
 def run(arguments: argparse.Namespace) -> int:
-    with imports_kept():
-        from msgspec.structs import replace
+    from msgspec.structs import replace
 
-        from madrob_console.cli.attaching import owned_testbed
-        from madrob_console.cli.running_engines import owning
-        from madrob_console.cli.session import open_engine, reporting_of
-        from madrob_console.cli.unattended_run import UnattendedRun
-        from madrob_console.common.version import software_version
-        from madrob_console.engine.runtime.supervisor import Supervisor
-        from madrob_console.engine.snapshot import label_of
+    from madrob_console.cli.attaching import owned_testbed
+    from madrob_console.cli.running_engines import owning
+    from madrob_console.cli.session import open_engine, reporting_of
+    from madrob_console.cli.unattended_run import UnattendedRun
+    from madrob_console.common.version import software_version
+    from madrob_console.engine.runtime.supervisor import Supervisor
+    from madrob_console.engine.snapshot import label_of
 
     settings = option_values.settings_of(arguments)
     owned = owned_testbed(arguments, settings)

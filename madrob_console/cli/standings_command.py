@@ -13,7 +13,6 @@ from madrob_console.cli.parsing import as_path
 from madrob_console.cli.safe_stream import put_bytes
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from scoring.imports import imports_kept
 
 if TYPE_CHECKING:
     from madrob_console.pages.competition import CompetitionStandings
@@ -57,11 +56,10 @@ def _file(flag: str, text: str) -> Argument:
     ),
 )
 def standings(arguments: argparse.Namespace) -> int:
-    with imports_kept():
-        from madrob_console.common.files import atomic_write
-        from madrob_console.common.version import software_version
-        from madrob_console.pages.outputs import standings_details, standings_html, standings_lines
-        from madrob_console.pages.standings_files import standings_csv, standings_json
+    from madrob_console.common.files import atomic_write
+    from madrob_console.common.version import software_version
+    from madrob_console.pages.outputs import standings_details, standings_html, standings_lines
+    from madrob_console.pages.standings_files import standings_csv, standings_json
 
     makers: dict[str, Callable[[CompetitionStandings], bytes]] = {
         "--csv": lambda competition: standings_csv(competition).encode(),

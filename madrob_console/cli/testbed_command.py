@@ -8,7 +8,6 @@ from functools import partial
 from madrob_console.cli import option_values, options
 from madrob_console.cli.command_line import Argument, command
 from madrob_console.cli.parsing import whole_within
-from scoring.imports import imports_kept
 
 
 @command(
@@ -32,10 +31,9 @@ from scoring.imports import imports_kept
     examples=("madrob testbed --scenario slam --repeat 0  # beside: madrob console --testbed ros",),
 )
 def testbed(arguments: argparse.Namespace) -> int:
-    with imports_kept():
-        from madrob_console.cli.session import simulated_testbed
-        from madrob_console.config import load_settings
-        from madrob_console.testbeds.simulated_node import serve_testbed
+    from madrob_console.cli.session import simulated_testbed
+    from madrob_console.config import load_settings
+    from madrob_console.testbeds.simulated_node import serve_testbed
 
     settings = load_settings(arguments.settings)
     serve_testbed(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import sys
@@ -11,15 +10,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 from types import FrameType
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.config.tables import ConsoleSettings
 from madrob_console.ui.app import MadrobApp
 from madrob_console.ui.link import ConsoleDefaults, OpenClient, OpenReplay
-
-if TYPE_CHECKING:
-    from madrob_console.engine.ipc.engine_interface import EngineClient
 
 EXIT_PATIENCE = 3.0
 """A signal ends the console within this time even if its terminal is stalled, s."""
@@ -48,21 +44,16 @@ def run_console(
     for name in ("COLUMNS", "LINES"):  # textual believes them, and the window has its own size
         os.environ.pop(name, None)
 
-    def connected(may_start: bool) -> EngineClient:
-        client = open_client(may_start)
-        gc.freeze()  # or a garbage collection among the screens holds up a key for 0.03 s
-        return client
-
     look = look or ConsoleSettings()
     error, output = sys.__stderr__, sys.__stdout__
     if output is not None and not (error is not None and error.isatty()):
         output.reconfigure(errors="backslashreplace")  # as the error output has it
         vars(sys)["__stderr__"] = output  # textual draws on it
-    app = MadrobApp(connected, defaults, look, open_replay=open_replay)
+    app = MadrobApp(open_client, defaults, look, open_replay=open_replay)
     if wall:
         from madrob_console.ui.wall import WallApp
 
-        app = WallApp(connected, defaults, look)
+        app = WallApp(open_client, defaults, look)
     try:
         with leaving_on_signals(app):
             app.run(mouse=look.mouse)

@@ -6,7 +6,6 @@ closes its end. Whatever it does is of lower priority than the engine, for proce
 
 from __future__ import annotations
 
-import gc
 import math
 import os
 import select
@@ -130,7 +129,6 @@ class EvidenceServer:
         except MadrobError as error:  # a new process could do no more
             self._problem = terminal_safe(str(error))
         self._ready_at = time.monotonic() + DISCOVERY_TIME
-        gc.freeze()  # what was imported stays
 
     def _begin(self, order: RecordInto, *, held: bool) -> None:
         if self._intakes is None:

@@ -6,7 +6,6 @@ writes no file: the engine writes its results.
 
 from __future__ import annotations
 
-import gc
 import signal
 import sys
 from contextlib import suppress
@@ -27,7 +26,6 @@ def main() -> None:
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(str(FIRST_TO_GO))
     load_filters()
-    gc.freeze()  # what was imported stays
     runs = RunScorer()
 
     def answer(question: ScoringRequest | Path) -> RenderedResult | EarlierRun:
