@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from recorder.bag import Qos, RawMessage, Topic
-    from recorder.errors import RecorderError
     from recorder.reader import Bag
     from recorder.recovery import Recovered, recover
     from recorder.writer import BagWriter
@@ -36,12 +35,24 @@ __all__ = [
     "recover",
 ]
 
-_MODULES = ("errors", "bag", "reader", "recovery", "writer")
+
+class RecorderError(Exception):
+    """A bag cannot be written or read; the message names it and the remedy."""
+
+
+_MODULES = {
+    "Bag": "reader",
+    "BagWriter": "writer",
+    "Qos": "bag",
+    "RawMessage": "bag",
+    "Recovered": "recovery",
+    "Topic": "bag",
+    "recover": "recovery",
+}
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401  whatever is asked for
-    """Imported when asked for: no help text waits for it."""
-    for module in _MODULES if name in __all__ else ():
-        if hasattr(imported := import_module(f"{__name__}.{module}"), name):
-            return getattr(imported, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    """Import what is asked for; no help text waits for it."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -1,20 +1,42 @@
-"""Reads a bag, finished or not: topics, records, messages in order or by their times."""
+"""Reads a bag, finished or not: topics, records, and messages in the order of their times."""
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import stat
+import struct
+import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
-from heapq import heappop, heappush, heapreplace
-from itertools import chain
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from io import SEEK_END, BufferedReader, BytesIO
 from pathlib import Path, PurePath
-from typing import Any, BinaryIO, TypeAlias
+from typing import Any, TypeAlias
 
-from mcap.records import Channel, Message, Metadata
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
+from mcap.opcode import Opcode
+from mcap.reader import FOOTER_SIZE, SeekingReader
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    Footer,
+    McapRecord,
+    Message,
+    Metadata,
+    Schema,
+    Statistics,
+)
+from mcap.stream_reader import StreamReader
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.writer import MCAP0_MAGIC
 
+from recorder import RecorderError
 from recorder.bag import (
     BAG_INFORMATION,
     METADATA_FILE,
@@ -23,39 +45,683 @@ from recorder.bag import (
     Topic,
     is_evidence,
     load_yaml,
-)
-from recorder.catalogue import Catalogue, read_outline
-from recorder.chunks import RECORD_LIMIT
-from recorder.errors import RecorderError
-from recorder.mcap_reader import (
-    LOOSE,
-    ChunkEnd,
-    DamageError,
-    ForeignError,
-    Gap,
-    chunk_places,
-    indexed_places,
-    read_chunk,
-    read_records,
-    read_summary,
-    records_in,
+    parse_qos,
 )
 
 RECOVERY_RECORD = "recovery"
 """The metadata record of a repaired bag; its `problem` says what the torn one had lost."""
 
-_Chunk: TypeAlias = tuple[int | None, list[RawMessage]]
-"""Messages, and their first log time; None where they have none."""
+RECORD_LIMIT = 128 * 1024 * 1024
+"""The most bytes of a record, and of a chunk when it is unpacked; rosbag2's have 0.75 MiB."""
 
-BagItem: TypeAlias = Topic | RawMessage | Metadata | Gap | ChunkEnd
-"""In storage order; a topic comes before its messages, and may come again."""
+HELD_LIMIT = 256 * 1024 * 1024
+"""The most bytes of messages that are put in order in memory."""
 
-METADATA_LIMIT = 1024 * 1024
-"""The most bytes of `metadata.yaml` that are read; a topic takes some 600."""
+_TYPES_LIMIT = 16 * 1024 * 1024
+"""The most bytes of types, channels and records; those of a run have some 50 KiB."""
+
+_TOPIC_LIMIT = 1000
+_METADATA_LIMIT = 1024 * 1024
+_NAME_LIMIT = 80
+
+_HEAD = struct.Struct("<BQ")  # of a record: opcode, length
+_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_MESSAGE = int(Opcode.MESSAGE)
+_CHUNK = int(Opcode.CHUNK)
+
+_SECTOR = 512
+_PIECE = 1024 * 1024
 
 
-_MOST_HELD = 256 * 1024 * 1024
-"""Bytes of files that are put in order in memory."""
+class ForeignError(Exception):
+    """The file is no recording of ROS 2 messages; says what it is instead."""
+
+
+class _DamageError(Exception):
+    """A part of a file cannot be read; says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkEnd:
+    """The place where a chunk ends; the order of reading goes by chunks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A part of a file that cannot be read.
+
+    Attributes:
+        words: where it is, and what is wrong.
+        tail_bytes: of the file from there on, where nothing more can be read; else None.
+        is_foreign: whether it may be whole, but in a way that is not known here.
+    """
+
+    words: str
+    tail_bytes: int | None = None
+    is_foreign: bool = False
+
+    @property
+    def outcome(self) -> str:
+        """The words, and what of the file is read all the same."""
+        if self.tail_bytes is None:
+            return f"{self.words}; it is left out"
+        return f"{self.words}; what comes before that is read"
+
+
+BagItem: TypeAlias = Topic | RawMessage | Metadata | ChunkEnd | Damage
+
+
+class Bag:
+    """A bag on disk; no file is held open between calls.
+
+    Attributes:
+        path: of the folder or the file.
+        problem: why it is not complete, also after a repair; None = it is, as far as is known.
+            `messages` adds what only reading everything shows.
+        records: its metadata records by name; of several with one name the last.
+    """
+
+    def __init__(self, path: Path | str, *, evidence: bool = False) -> None:
+        """Open a bag folder, recorded here or by `ros2 bag record`, or one `.mcap` file.
+
+        An unfinished or damaged bag is opened as far as it goes. `evidence` opens the folder's
+        evidence instead: cameras and other topics, in files of their own; there may be none.
+        Raises RecorderError if there is nothing to read.
+        """
+        self.path = Path(path)
+        self.problem: str | None = None
+        self.records: dict[str, dict[str, str]] = {}
+        self._outlines: dict[Path, Outline] = {}
+        self._topics: dict[str, Topic] = {}
+        try:
+            files = [self.path]
+            if self.path.is_dir():
+                files, self.problem = bag_files(self.path, evidence=evidence)
+            refuse_sqlite(self.path, files)
+            self._open(files)
+        except ForeignError as error:
+            raise not_a_bag(self.path, error) from None
+        except OSError as error:
+            raise RecorderError(
+                f"cannot read {error.filename or path}: {error.strerror or error}; "
+                "check the path and its permissions"
+            ) from None
+
+    def _open(self, files: Iterable[Path]) -> None:
+        for path in files:
+            try:
+                with open_recording(path) as file:
+                    outline = read_outline(file)
+            except (ForeignError, OSError) as error:
+                if not self._outlines:
+                    raise
+                self._note_problem(path, f"{error}; what comes before that is read")
+                return
+            self._outlines[path] = outline
+            self.records |= outline.records
+            for topic in outline.topics.values():
+                self._topics.setdefault(topic.name, topic)
+            lost = outline.records.get(RECOVERY_RECORD, {}).get("problem")
+            if lost is not None:
+                self._note_problem(path, lost)
+            if outline.damages:
+                self._note_problem(path, outline.damages[0].outcome)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every message is there, as far as is known."""
+        return self.problem is None
+
+    def topics(self) -> tuple[Topic, ...]:
+        return tuple(self._topics.values())
+
+    def messages(self) -> Iterator[RawMessage]:
+        """Yield the messages in the order of time (protocol section 3); never raises.
+
+        Files come by their first log times. If the first log times of their chunks never go back,
+        messages come as they are stored; else all are sorted by log time, in memory. Damaged
+        chunks are left out. `problem` tells them, and a torn end.
+        """
+        paths = list(self._outlines)
+        starts = {path: self._outlines[path].chunk_starts() for path in paths}
+        if not all(starts.values()):
+            yield from self._from_memory(paths)
+            return
+        paths.sort(key=lambda path: min(starts[path]))
+        stored = [start for path in paths for start in starts[path]]
+        if stored != sorted(stored):
+            yield from self._from_memory(paths)
+            return
+        for path in paths:
+            for item in self._items(path):
+                if isinstance(item, RawMessage):
+                    yield item
+
+    def nearest(self, topic: str, at_ns: int, within_ns: int) -> RawMessage | None:
+        """Return the message of a topic that was received nearest to an instant.
+
+        Instant and distance are in ns; None = none is so near. A damaged chunk is passed over.
+        Raises RecorderError if the disk refuses.
+        """
+        for distance in (within_ns // 10, within_ns):  # most are near: little is unpacked
+            window = range(at_ns - distance, at_ns + distance + 1)
+            try:
+                found = list(self._in_window(topic, window))
+            except OSError as error:
+                raise RecorderError(f"{topic}: cannot be read ({error})") from None
+            if found:
+                return min(found, key=lambda message: abs(message.receive_ns - at_ns))
+        return None
+
+    def _in_window(self, topic: str, window: range) -> Iterator[RawMessage]:
+        for path, outline in self._outlines.items():
+            for item in self._items(path, outline.overlapping(topic, window)):
+                if not isinstance(item, RawMessage) or item.topic != topic:
+                    continue
+                if item.receive_ns in window:
+                    yield item
+
+    def _items(self, path: Path, only: Iterable[ChunkIndex] | None = None) -> Iterator[BagItem]:
+        """Yield what is in a file, or in some of its chunks, and note what is damaged."""
+        try:
+            with open_recording(path) as file:
+                reading = FileReading(file, self._outlines[path].channels)
+                items = reading.items() if only is None else reading.items_of(only)
+                for item in items:
+                    if isinstance(item, Damage):
+                        self._note_problem(path, item.outcome)
+                    yield item
+        except (ForeignError, OSError) as error:
+            self._note_problem(path, f"{error}; what comes before that is read")
+
+    def _from_memory(self, paths: Iterable[Path]) -> Iterator[RawMessage]:
+        """Yield the messages of files of which no index says that they are in order."""
+        files = []
+        size = 0
+        for path in paths:
+            chunks: list[list[RawMessage]] = [[]]
+            for item in self._items(path):
+                if isinstance(item, RawMessage):
+                    chunks[-1].append(item)
+                    size += len(item.data)
+                elif isinstance(item, ChunkEnd):
+                    chunks.append([])
+                if size > HELD_LIMIT:
+                    self._note_problem(path, "it is too large to be put in the order of its times")
+                    break
+            files.append([chunk for chunk in chunks if chunk])
+        starts = [[_first_time(chunk) for chunk in chunks] for chunks in files]
+        order = sorted(range(len(files)), key=lambda number: min(starts[number], default=0))
+        stored = [start for number in order for start in starts[number]]
+        held = [message for number in order for chunk in files[number] for message in chunk]
+        if stored != sorted(stored):
+            held.sort(key=lambda message: message.receive_ns)
+        yield from held
+
+    def _note_problem(self, file: Path, problem: str) -> None:
+        self.problem = self.problem or f"{file}: {problem}"
+
+
+def _first_time(chunk: list[RawMessage]) -> int:
+    return min(message.receive_ns for message in chunk)
+
+
+@dataclass(slots=True)
+class Outline:
+    """What a file holds beside messages, in its summary or by reading all of it.
+
+    Attributes:
+        topics: by name.
+        channels: topics by the number of their channel.
+        counts: messages by topic.
+        start_ns, end_ns: first and last log time; None without messages.
+        damages: what cannot be read.
+        chunks: the index; empty where there is none that can be trusted.
+    """
+
+    topics: dict[str, Topic] = field(default_factory=dict)
+    channels: dict[int, Topic] = field(default_factory=dict)
+    records: dict[str, dict[str, str]] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+    start_ns: int | None = None
+    end_ns: int | None = None
+    damages: list[Damage] = field(default_factory=list)
+    chunks: list[ChunkIndex] = field(default_factory=list)
+
+    def chunk_starts(self) -> list[int]:
+        return [chunk.message_start_time for chunk in self.chunks if chunk.message_end_time]
+
+    def overlapping(self, topic: str, window: range) -> list[ChunkIndex] | None:
+        """Return the chunks with messages of a topic in a window; None where no index tells."""
+        if not self.chunks:
+            return None
+        numbers = {number for number, known in self.channels.items() if known.name == topic}
+        return [
+            chunk
+            for chunk in self.chunks
+            if chunk.message_start_time < window.stop
+            and chunk.message_end_time >= window.start
+            and not (
+                chunk.message_index_offsets and numbers.isdisjoint(chunk.message_index_offsets)
+            )
+        ]
+
+    def add(self, item: BagItem) -> None:
+        match item:
+            case RawMessage():
+                time = item.receive_ns
+                self.counts[item.topic] += 1
+                self.start_ns = time if self.start_ns is None else min(time, self.start_ns)
+                self.end_ns = time if self.end_ns is None else max(time, self.end_ns)
+            case Topic():
+                self.topics.setdefault(item.name, item)
+            case Metadata():
+                self.records[item.name] = item.metadata
+            case Damage():
+                self.damages.append(item)
+
+
+def read_outline(file: BufferedReader) -> Outline:
+    """Return what a file holds beside messages; raises ForeignError if it is no recording.
+
+    It comes from the summary; where that is missing or damaged the whole file is read.
+    """
+    outline = read_summary(file)
+    if outline is not None:
+        return outline
+    outline = Outline()
+    for item in FileReading(file).items():
+        outline.add(item)
+    return outline
+
+
+def read_items(file: BufferedReader) -> Iterator[BagItem]:
+    """Yield everything in a recording; the summary tells the channels that damage hides."""
+    summary = read_summary(file)
+    yield from FileReading(file, None if summary is None else summary.channels).items()
+
+
+def read_summary(file: BufferedReader) -> Outline | None:
+    """Return what the summary of a file says; None where it cannot be trusted or is not there."""
+    try:
+        return _summary_outline(file)
+    except ForeignError:
+        raise
+    except Exception:  # noqa: BLE001 - whatever is wrong with it, the file tells more
+        return None
+
+
+def _summary_outline(file: BufferedReader) -> Outline | None:
+    start = file.seek(-FOOTER_SIZE - len(MCAP0_MAGIC), SEEK_END)
+    footer = next(StreamReader(file, skip_magic=True, record_size_limit=FOOTER_SIZE).records)
+    if not isinstance(footer, Footer) or not footer.summary_crc:
+        return None
+    if not 0 < start - footer.summary_start <= RECORD_LIMIT:
+        return None
+    file.seek(footer.summary_start)
+    content = file.read(start + FOOTER_SIZE - 4 - footer.summary_start)
+    if zlib.crc32(content) != footer.summary_crc:
+        return None
+    file.seek(0)
+    reader = SeekingReader(file, record_size_limit=RECORD_LIMIT)
+    summary = reader.get_summary()
+    statistics = None if summary is None else summary.statistics
+    if summary is None or statistics is None:
+        return None
+    metadata = summary.metadata_indexes
+    whole = statistics.channel_count == len(summary.channels)
+    whole = whole and statistics.chunk_count == len(summary.chunk_indexes)
+    whole = whole and statistics.metadata_count == len(metadata)
+    if not whole or sum(index.length for index in metadata) > _TYPES_LIMIT:
+        return None
+
+    catalogue = Catalogue()
+    for schema in summary.schemas.values():
+        catalogue.add_schema(schema)
+    for channel in summary.channels.values():
+        catalogue.add_channel(channel)
+    outline = Outline(channels=catalogue.topics)
+    for topic in catalogue.topics.values():
+        outline.add(topic)
+    for record in reader.iter_metadata():
+        outline.add(record)
+    for number, count in statistics.channel_message_counts.items():
+        outline.counts[catalogue.topics[number].name] += count
+    if statistics.message_count:
+        outline.start_ns = statistics.message_start_time
+        outline.end_ns = statistics.message_end_time
+    outline.chunks = sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset)
+    return outline
+
+
+class Catalogue:
+    """The topics of a file by the numbers of their channels, within the limits of a bag."""
+
+    def __init__(self) -> None:
+        self.topics: dict[int, Topic] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._size = 0
+
+    def add_schema(self, schema: Schema) -> None:
+        if schema.id not in self._schemas:
+            self.grow(len(schema.data) + len(schema.name))
+            self._schemas[schema.id] = schema
+
+    def add_channel(self, channel: Channel) -> Topic:
+        """Return the channel's topic; raises ForeignError if it is not of ROS 2."""
+        if channel.id in self.topics:
+            return self.topics[channel.id]
+        self.grow(len(channel.topic) + _text_size(channel.metadata))
+        if len(self.topics) == _TOPIC_LIMIT:
+            raise _DamageError(f"it has more than {_TOPIC_LIMIT} channels")
+        name = channel.topic
+        if not name.isprintable() or len(name) > _NAME_LIMIT:
+            name = repr(name[:_NAME_LIMIT])
+        if channel.message_encoding != MessageEncoding.CDR:
+            encoding = channel.message_encoding[:_NAME_LIMIT]
+            raise ForeignError(f"{name} holds {encoding!r}, not CDR")
+        schema = self._schemas.get(channel.schema_id)
+        if schema is None:
+            raise _DamageError(f"the type of {name} is missing")
+        is_text = schema.encoding == SchemaEncoding.ROS2
+        topic = Topic(
+            channel.topic,
+            schema.name,
+            schema.data.decode(errors="replace") if is_text else "",
+            channel.metadata.get("topic_type_hash", ""),
+            _parse_qos(channel.metadata.get("offered_qos_profiles", "")),
+        )
+        self.topics[channel.id] = topic
+        return topic
+
+    def grow(self, size: int) -> None:
+        self._size += size
+        if self._size > _TYPES_LIMIT:
+            raise _DamageError(f"its types and records have more than {_TYPES_LIMIT} bytes")
+
+
+_parse_qos = lru_cache(maxsize=100)(parse_qos)
+
+
+def _text_size(metadata: dict[str, str]) -> int:
+    return sum(len(key) + len(value) for key, value in metadata.items())
+
+
+class _Source:
+    """A file as mcap's reader takes it; no length that a record claims takes more memory."""
+
+    def __init__(self, file: BufferedReader, size: int) -> None:
+        self._file = file
+        self._size = size
+
+    def read(self, length: int) -> bytes:
+        data = self._file.read(min(length, self._size))
+        if length == 1 and data + self._file.peek(8)[:8] == bytes(9):  # left by a power cut
+            raise _DamageError(f"there are only zeros from byte {self._file.tell() - 1} on")
+        return data
+
+
+class FileReading:
+    """Reads a recording from its beginning to its end, or some of its chunks.
+
+    `channels` are those that the summary tells: a damaged chunk may have held them.
+    """
+
+    def __init__(self, file: BufferedReader, channels: dict[int, Topic] | None = None) -> None:
+        self._file = file
+        self._size = file.seek(0, SEEK_END)
+        self._catalogue = Catalogue()
+        self._catalogue.topics |= channels or {}
+        self._count = 0
+        self._stated: int | None = None
+        self._is_chunked = self._is_damaged = False
+
+    def items(self) -> Iterator[BagItem]:
+        """Yield everything in storage order, a topic before its messages, up to where it breaks.
+
+        A damaged chunk is a `Damage`; of the chunk in which the file ends the whole messages are
+        there. Raises ForeignError if it is no recording.
+        """
+        self._file.seek(0)
+        place = len(MCAP0_MAGIC)
+        if self._file.read(place) != MCAP0_MAGIC:
+            raise ForeignError(
+                "it does not begin like an MCAP file" if self._size else "it is empty"
+            )
+        yield from list(self._catalogue.topics.values())
+        try:
+            for record in self._records(min(RECORD_LIMIT, self._size)):
+                yield from self._record(record, place)
+                place = self._file.tell()
+        except ForeignError:
+            raise
+        except Exception as error:  # noqa: BLE001 - a stranger's file
+            words = self._words(error, place)
+            yield from self._cut_chunk(place)
+            yield Damage(words, self._size - place)
+            return
+        if self._stated not in (None, self._count) and not self._is_damaged:
+            yield Damage(f"{self._count} of {self._stated} messages are left", 0)
+
+    def items_of(self, chunks: Iterable[ChunkIndex]) -> Iterator[BagItem]:
+        """Yield what is in some chunks, each where the index says."""
+        for index in chunks:
+            self._file.seek(index.chunk_start_offset)
+            try:
+                record = next(self._records(min(RECORD_LIMIT, self._size)))
+            except Exception:  # noqa: BLE001 - a stranger's file
+                record = None
+            if isinstance(record, Chunk):
+                yield from self._chunk(record, index.chunk_start_offset)
+            else:
+                yield Damage(f"a chunk is not where it should be (byte {index.chunk_start_offset})")
+
+    def _records(self, limit: int) -> Iterator[McapRecord]:
+        source: Any = _Source(self._file, self._size)
+        reader = StreamReader(source, skip_magic=True, emit_chunks=True, record_size_limit=limit)
+        return reader.records
+
+    def _record(self, record: McapRecord, place: int) -> Iterator[BagItem]:
+        match record:
+            case Chunk():
+                self._is_chunked = True
+                yield from self._chunk(record, place)
+            case Message() if self._is_chunked:  # one flipped bit makes one of an index
+                yield Damage(f"there is a message outside of the chunks (byte {place})")
+            case Message():
+                yield self._message(record)
+                yield ChunkEnd()
+            case Schema():
+                self._catalogue.add_schema(record)
+            case Channel():
+                yield self._catalogue.add_channel(record)
+            case Metadata():
+                self._catalogue.grow(len(record.name) + _text_size(record.metadata))
+                yield record
+            case Statistics():
+                self._stated = record.message_count
+            case Footer() if not self._is_right(record, place):
+                yield Damage("the checksum of its summary is wrong", 0)
+
+    def _is_right(self, footer: Footer, place: int) -> bool:
+        """Whether a summary is what was written; where no checksum tells, it is believed."""
+        after = self._file.tell()
+        self._file.seek(footer.summary_start)
+        content = self._file.read(place + FOOTER_SIZE - 4 - footer.summary_start)
+        self._file.seek(after)
+        return footer.summary_crc in (0, zlib.crc32(content))
+
+    def _message(self, record: Message) -> RawMessage:
+        topic = self._catalogue.topics.get(record.channel_id)
+        if topic is None:
+            raise _DamageError(f"a message belongs to the unknown channel {record.channel_id}")
+        self._count += 1
+        return RawMessage(
+            topic.name,
+            topic.type,
+            record.data,
+            record.publish_time,
+            record.log_time,
+            record.sequence,
+        )
+
+    def _chunk(self, chunk: Chunk, place: int, *, is_cut: bool = False) -> Iterator[BagItem]:
+        records, problem = unpack(chunk, is_cut=is_cut)
+        is_foreign = chunk.compression not in _UNPACKERS
+        try:
+            yield from self._items_in(records)
+        except ForeignError:
+            raise
+        except _DamageError as error:
+            problem = problem or str(error)
+        except Exception:  # noqa: BLE001 - a stranger's chunk
+            problem = problem or "has a damaged record"
+        yield ChunkEnd()
+        if problem is not None:
+            self._is_damaged = True
+            yield Damage(f"a chunk {problem} (byte {place})", is_foreign=is_foreign)
+
+    def _cut_chunk(self, place: int) -> Iterator[BagItem]:
+        """Yield the whole messages of the chunk in which the file ends."""
+        self._file.seek(place)
+        source: Any = _Source(self._file, min(RECORD_LIMIT, self._size))
+        try:
+            opcode, length = _HEAD.unpack(self._file.read(_HEAD.size))
+            if opcode != _CHUNK or place + _HEAD.size + length <= self._size:
+                return
+            chunk = Chunk.read(ReadDataStream(source))
+            for item in self._chunk(chunk, place, is_cut=True):
+                if not isinstance(item, Damage):  # that it is torn is told
+                    yield item
+        except ForeignError:
+            raise
+        except Exception:  # noqa: BLE001 - it is cut in its head
+            return
+
+    def _items_in(self, records: bytes) -> Iterator[BagItem]:
+        """Yield what is in an unpacked chunk; messages, of which there are many, on the spot."""
+        topics, end, size = self._catalogue.topics, 0, len(records)
+        while end < size:
+            opcode, length = _HEAD.unpack_from(records, end)
+            start = end + _HEAD.size
+            end = start + length
+            if end > size or opcode == 0:
+                raise _DamageError("has a damaged record")
+            if opcode == _MESSAGE:
+                channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(records, start)
+                topic = topics.get(channel)
+                if topic is None:
+                    raise _DamageError(f"has a message of the unknown channel {channel}")
+                data = records[start + _MESSAGE_HEAD.size : end]
+                self._count += 1
+                yield RawMessage(topic.name, topic.type, data, publish_ns, log_ns, sequence)
+            elif opcode == Opcode.SCHEMA:
+                self._catalogue.add_schema(Schema.read(_stream(records[start:end])))
+            elif opcode == Opcode.CHANNEL:
+                yield self._catalogue.add_channel(Channel.read(_stream(records[start:end])))
+
+    def _words(self, error: Exception, place: int) -> str:
+        """Say where and why the reading ends."""
+        match error:
+            case _DamageError():
+                return str(error)
+            case RecordLengthLimitExceeded() if self._size > RECORD_LIMIT:
+                return f"the record at byte {place} has more than {RECORD_LIMIT} bytes"
+            case EndOfFile() | struct.error() if place == self._size:
+                return f"it ends at byte {place} without a footer"
+            case EndOfFile() | struct.error() | RecordLengthLimitExceeded():
+                return f"it is torn at byte {place}"
+        return f"the record at byte {place} is damaged"
+
+
+def _stream(content: bytes) -> ReadDataStream:
+    source: Any = _Source(BufferedReader(BytesIO(content)), len(content))
+    return ReadDataStream(source)
+
+
+# The content of a chunk.
+
+
+def unpack(chunk: Chunk, *, is_cut: bool = False) -> tuple[bytes, str | None]:
+    """Return the records of a chunk, and what is wrong with it, as the end of a sentence.
+
+    A chunk is believed if its size and its checksum are right. Of one that `is_cut`, or ends in
+    sectors that a power cut left empty, what comes before that is there.
+    """
+    size = chunk.uncompressed_size
+    if size > RECORD_LIMIT:
+        return b"", f"claims {size} bytes"
+    if chunk.compression not in _UNPACKERS:
+        return b"", f"has the unknown compression {chunk.compression[:_NAME_LIMIT]!r}"
+    content = _decompress(chunk.compression, chunk.data, size)
+    if is_cut:
+        problem = "is cut off"
+    elif len(content) != size:
+        problem = "cannot be decompressed to the size that it claims"
+    elif chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
+        problem = "has a wrong checksum"
+    else:
+        return content, None
+
+    solid = chunk.data.rstrip(b"\0")
+    if len(chunk.data) - len(solid) >= _SECTOR:
+        return _decompress(chunk.compression, solid, size)[:size], problem
+    return content[:size] if is_cut else b"", problem
+
+
+def _decompress(compression: str, data: bytes, size: int) -> bytes:
+    """Return what data hold, up to where they break; little more than `size` bytes."""
+    pieces: list[bytes] = []
+    length = 0
+    try:
+        for piece in _UNPACKERS[compression](data):
+            pieces.append(piece)
+            length += len(piece)
+            if length > size:
+                break
+    except Exception:  # noqa: BLE001 - the libraries raise errors of many kinds
+        pass
+    return b"".join(pieces)
+
+
+def _plain(data: bytes) -> Iterator[bytes]:
+    yield data
+
+
+def _zstd(data: bytes) -> Iterator[bytes]:
+    reader = zstandard.ZstdDecompressor().stream_reader(data)
+    yield from iter(partial(reader.read, _PIECE), b"")
+
+
+def _lz4(data: bytes) -> Iterator[bytes]:
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    while not decompressor.eof:
+        piece = decompressor.decompress(data, max_length=_PIECE)
+        data = b""
+        if not piece and decompressor.needs_input:
+            return
+        yield piece
+
+
+_UNPACKERS = {"": _plain, "zstd": _zstd, "lz4": _lz4}
+
+
+# The files of a bag.
+
+
+def open_recording(path: str | Path, folder_fd: int | None = None) -> BufferedReader:
+    """Open a file to read; raises ForeignError for a pipe or a folder, OSError for a link.
+
+    A link is refused in an open folder only.
+    """
+    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe must not block
+    if folder_fd is not None:
+        flags |= os.O_NOFOLLOW
+    number = os.open(path, flags, dir_fd=folder_fd)
+    if stat.S_ISREG(os.fstat(number).st_mode):
+        return os.fdopen(number, "rb")
+    os.close(number)
+    raise ForeignError(f"{PurePath(path).name} is not a file")
 
 
 def not_a_bag(path: Path, error: ForeignError) -> RecorderError:
@@ -64,283 +730,42 @@ def not_a_bag(path: Path, error: ForeignError) -> RecorderError:
     )
 
 
-class Bag:
-    """A bag on disk; no file is held open between calls.
-
-    `problem` says why it is not complete, also after a repair. Damage that only reading everything
-    shows is added by `messages`. Of several `records` with one name the last counts.
-    """
-
-    def __init__(self, path: Path | str, *, evidence: bool = False) -> None:
-        """Open a bag folder, recorded here or by `ros2 bag record`, or one `.mcap` file.
-
-        An unfinished or damaged bag is opened as far as it goes. `evidence` opens the folder's
-        evidence instead: cameras and other topics, in files of their own. A bag without it then
-        has no files. Raises RecorderError if there is nothing to read.
-        """
-        self.path = path = Path(path)
-        self.problem: str | None = None
-        self.records: dict[str, dict[str, str]] = {}
-        self._files: list[Path] = []
-        self._topics: dict[str, Topic] = {}
-        try:
-            path.stat()
-            files = [path]
-            if path.is_dir():
-                files, self.problem = bag_files(path, evidence=evidence)
-            refuse_sqlite(path, files)
-            self._open(files)
-        except ForeignError as error:
-            raise not_a_bag(path, error) from None
-        except OSError as error:
-            raise RecorderError(
-                f"cannot read {error.filename or path}: {error.strerror or error}; "
-                "check the path and its permissions"
-            ) from None
-
-    def _open(self, files: Iterable[Path]) -> None:
-        for file in files:
-            try:
-                catalogue, damage = read_catalogue(file)
-                topics = catalogue.topics()
-            except (DamageError, OSError) as error:
-                if not self._files:
-                    raise
-                self._note_problem(file, end_of(error))
-                break
-            self._files.append(file)
-            self.records |= catalogue.records
-            for topic in topics:
-                self._topics.setdefault(topic.name, topic)
-            lost = catalogue.records.get(RECOVERY_RECORD, {}).get("problem")
-            for text in (lost, damage):
-                if text is not None:
-                    self._note_problem(file, text)
-
-    @property
-    def complete(self) -> bool:
-        """As far as is known."""
-        return self.problem is None
-
-    def topics(self) -> tuple[Topic, ...]:
-        return tuple(self._topics.values())
-
-    def messages(self) -> Iterator[RawMessage]:
-        """Messages in the order of time (protocol section 3); never raises.
-
-        Files come by their first log times. If the first log times of their chunks never go back,
-        messages come as they are stored; else all are merged by log time, in the memory of the
-        chunks that overlap. Damaged chunks are skipped. `problem` tells them, and a torn end.
-        A file without an index that can be trusted is held in memory, if it has less than 256 MB.
-        """
-        times = {path: _first_times(path) for path in self._files}
-        if not all(times.values()):
-            return self._through_memory()
-        files = sorted(self._files, key=lambda path: min(times[path]))
-        stored = [time for path in files for time in times[path]]
-        return self._as_stored(files) if stored == sorted(stored) else self._by_time(files)
-
-    def _as_stored(self, files: Iterable[Path]) -> Iterator[RawMessage]:
-        for path in files:
-            for item in self._items(path):
-                if isinstance(item, RawMessage):
-                    yield item
-
-    def _items(self, path: Path) -> Iterator[RawMessage | ChunkEnd]:
-        try:
-            with open_recording(path) as file:
-                for item in read_items(file):
-                    if isinstance(item, RawMessage | ChunkEnd):
-                        yield item
-                    elif isinstance(item, Gap):
-                        self._note_problem(path, left_out(item))
-        except (DamageError, OSError) as error:
-            self._note_problem(path, end_of(error))
-
-    def _through_memory(self) -> Iterator[RawMessage]:
-        """Messages of files of which no index says the times: what repair keeps of them."""
-        if sum(path.stat().st_size for path in self._files if path.exists()) > _MOST_HELD:
-            yield from self._as_stored(self._files)
-            return
-        files = [list(self._chunks(path)) for path in self._files]
-        files.sort(key=lambda chunks: min(_starts(chunks), default=0))
-        chunks = [chunk for file in files for chunk in file]
-        starts = _starts(chunks)
-        held = [message for _, messages in chunks for message in messages]
-        if starts != sorted(starts):
-            held.sort(key=lambda message: message.receive_ns)
-        yield from held
-
-    def _chunks(self, path: Path) -> Iterator[_Chunk]:
-        """Each chunk with its first log time; at the end the messages behind the last one."""
-        chunk: list[RawMessage] = []
-        for item in self._items(path):
-            if isinstance(item, RawMessage):
-                chunk.append(item)
-            elif chunk:
-                times = [message.receive_ns for message in chunk]
-                yield min(times) if any(times) else None, chunk
-                chunk = []
-        if chunk:
-            yield chunk[0].receive_ns, chunk
-
-    def _by_time(self, files: Iterable[Path]) -> Iterator[RawMessage]:
-        seekers = []
-        for path in files:
-            try:
-                seekers.append(Seeker(path))
-            except (DamageError, OSError) as error:
-                self._note_problem(path, end_of(error))
-        parts = (part for seeker in seekers for part in seeker.parts())
-        yield from _merged(parts)
-        for seeker in seekers:
-            if seeker.problem is not None:
-                self._note_problem(seeker.path, seeker.problem)
-
-    def _note_problem(self, file: Path, problem: str) -> None:
-        self.problem = self.problem or f"{file}: {problem}"
-
-
-def _starts(chunks: Iterable[_Chunk]) -> list[int]:
-    return [start for start, _ in chunks if start is not None]
-
-
-def _first_times(path: Path) -> list[int]:
-    """First log times of the chunks of a file in stored order; none without a sound index."""
-    with suppress(DamageError, OSError), open_recording(path) as file:
-        return [chunk.begin_ns for chunk in indexed_places(file) if chunk.end_ns]
-    return []
-
-
-_Part: TypeAlias = tuple[int, Iterator[RawMessage]]
-"""A part of a recording, with its first log time."""
-
-
-def _merged(parts: Iterable[_Part]) -> Iterator[RawMessage]:
-    """Messages by log time, equal ones by part; a part is opened at its first log time."""
-    started: list[tuple[int, int, RawMessage, Iterator[RawMessage]]] = []
-    placed = sorted((begin_ns, number, part) for number, (begin_ns, part) in enumerate(parts))
-    for begin_ns, number, part in (*placed, (math.inf, 0, iter(()))):
-        while started and started[0][0] < begin_ns:
-            _, place, message, rest = started[0]
-            yield message
-            if (following := next(rest, None)) is None:
-                heappop(started)
-            else:
-                heapreplace(started, (following.receive_ns, place, following, rest))
-        if (first := next(part, None)) is not None:
-            heappush(started, (first.receive_ns, number, first, part))
-
-
-def end_of(error: DamageError | OSError) -> str:
-    return f"{error}; what comes before that is read"
-
-
-def left_out(gap: Gap) -> str:
-    return f"{gap.reason}; it is left out"
-
-
-def read_items(file: BinaryIO) -> Iterator[BagItem]:
-    """Everything in a recording, in storage order; raises as `read_records`."""
-    catalogue = Catalogue()
-    count, gaps = 0, 0
-    for record in read_records(file):
-        match record:
-            case Message():
-                topic = catalogue.topic(record.channel_id)
-                count += 1
-                yield _raw(record, topic)
-            case Gap():
-                gaps += 1
-                yield record
-                if gaps == 1:  # it may have held channels of later chunks; the summary has all
-                    with suppress(DamageError):
-                        for description in read_summary(file):
-                            catalogue.add_record(description)
-                    yield from catalogue.topics()
-            case ChunkEnd():
-                yield record
-            case _:
-                catalogue.add_record(record)
-                if isinstance(record, Channel):
-                    yield from catalogue.topics([record.id])
-                elif isinstance(record, Metadata):
-                    yield record
-    statistics = catalogue.statistics
-    if not gaps and statistics is not None and statistics.message_count != count:
-        raise DamageError(f"{count} of {statistics.message_count} messages are left")
-
-
-def _raw(record: Message, topic: Topic) -> RawMessage:
-    return RawMessage(
-        topic.name,
-        topic.type,
-        record.data,
-        record.publish_time,
-        record.log_time,
-        record.sequence,
-    )
-
-
-def read_catalogue(path: Path) -> tuple[Catalogue, str | None]:
-    """What a file holds beside messages, and why it may not be all."""
-    with open_recording(path) as file:
-        with suppress(DamageError):  # unfinished, or a writer that makes no summary
-            return read_outline(file), None
-        catalogue = Catalogue()
-        problem: str | None = None
-        try:
-            for record in read_records(file):
-                if isinstance(record, Gap):
-                    problem = problem or left_out(record)
-                elif not isinstance(record, ChunkEnd):
-                    catalogue.add_record(record)
-        except ForeignError:
-            raise
-        except DamageError as error:
-            problem = problem or end_of(error)
-        return catalogue, problem
-
-
-def open_recording(path: str | Path, folder_fd: int | None = None) -> BinaryIO:
-    """Raises ForeignError for a pipe or a folder, and OSError for a link in an open folder."""
-    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe must not block
-    number = os.open(path, flags | (os.O_NOFOLLOW if folder_fd else 0), dir_fd=folder_fd)
-    if stat.S_ISREG(os.fstat(number).st_mode):
-        return os.fdopen(number, "rb")
-    os.close(number)
-    raise ForeignError(f"{PurePath(path).name} is not a file")
-
-
 def bag_files(folder: Path, *, evidence: bool = False) -> tuple[list[Path], str | None]:
-    """The recordings of a bag in their order, and why they may not be all.
+    """Return the recordings of a bag in their order, and why they may not be all.
 
     Evidence is found by its name, whether `metadata.yaml` lists it yet or not. Raises ForeignError
     without a recording, and RecorderError if they are compressed as a whole.
     """
+    there = sorted(folder.iterdir(), key=natural_order)
     if evidence:
-        return sorted(filter(_is_evidence, folder.iterdir()), key=_natural_path), None
+        return [path for path in there if is_evidence(path.name)], None
     try:
-        listed = _listed_files(folder)
-        return [path for path in listed if not _is_evidence(path)], None
+        information = bag_information(folder)
+        names = listed_names(information)
     except FileNotFoundError:
         problem = f"{folder} has no {METADATA_FILE}, so its recording was not finished"
     except YAML_PROBLEMS:
         problem = f"{folder / METADATA_FILE} is damaged"
-    recordings = [
-        path
-        for path in folder.iterdir()
-        if path.suffix in {".mcap", ".db3"} and not _is_evidence(path)
-    ]
+    else:
+        if str(information.get("compression_mode", "")).lower() in {"file", "message"}:
+            raise RecorderError(
+                f"{folder} is compressed by rosbag2 as a whole; unpack it by `ros2 bag convert`"
+            )
+        return [folder / name for name in names if not is_evidence(name)], None
+    recordings = [path for path in there if path.suffix in {".mcap", ".db3"}]
+    recordings = [path for path in recordings if not is_evidence(path.name)]
     if not recordings:
         raise ForeignError("the folder holds no recording")
-    return sorted(recordings, key=_natural_path), problem
+    return recordings, problem
 
 
 def bag_information(folder: Path) -> dict[str, Any]:
-    """Unchecked; raises YAML_PROBLEMS if damaged, ForeignError if it is not a file."""
+    """Return the content of `metadata.yaml`, unchecked.
+
+    Raises YAML_PROBLEMS if it is damaged, ForeignError if it is not a file.
+    """
     with open_recording(folder / METADATA_FILE) as file:
-        return information_in(file.read(METADATA_LIMIT))
+        return information_in(file.read(_METADATA_LIMIT))
 
 
 def information_in(metadata: bytes) -> dict[str, Any]:
@@ -350,7 +775,7 @@ def information_in(metadata: bytes) -> dict[str, Any]:
 
 
 def listed_names(information: dict[str, Any]) -> list[str]:
-    """From `metadata.yaml`; raises YAML_PROBLEMS if there are none."""
+    """Return the files that `metadata.yaml` lists; raises YAML_PROBLEMS if there are none."""
     # Early versions put the folder's name before the file's.
     names = [PurePath(name).name for name in information["relative_file_paths"]]
     if not names or not all(name.isprintable() for name in names) or len(set(names)) < len(names):
@@ -358,114 +783,12 @@ def listed_names(information: dict[str, Any]) -> list[str]:
     return names
 
 
-def _listed_files(folder: Path) -> list[Path]:
-    information = bag_information(folder)
-    if str(information.get("compression_mode", "")).lower() in {"file", "message"}:
-        raise RecorderError(
-            f"{folder} is compressed by rosbag2 as a whole; unpack it by `ros2 bag convert`"
-        )
-    return [folder / name for name in listed_names(information)]
-
-
 def refuse_sqlite(path: Path, files: Iterable[Path]) -> None:
     if any(file.suffix == ".db3" for file in files):
         raise RecorderError(f"{path} is a sqlite3 bag; make it an mcap bag by `ros2 bag convert`")
 
 
-def _is_evidence(path: Path) -> bool:
-    return is_evidence(path.name)
-
-
-def natural_order(name: str) -> list[int | str]:
-    """By the numbers in a name: `bag_10.mcap` comes after `bag_9.mcap`."""
-    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
-
-
-def _natural_path(path: Path) -> list[int | str]:
-    return natural_order(path.name)
-
-
-_MOST_UNPACKED = 2 * RECORD_LIMIT
-"""Bytes that are unpacked to find a message: two raw cameras fill as many in two seconds."""
-
-
-class Seeker:
-    """A recording in which messages are looked for; no file is held open between calls.
-
-    `problem` says why it is not complete, as far as is known; else None. Raises DamageError or
-    OSError if there is nothing to read.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._catalogue, self.problem = read_catalogue(path)
-        self.topics = tuple(self._catalogue.topics())
-        with open_recording(path) as file:
-            self._chunks = chunk_places(file)
-        self._unpacked = 0
-
-    def nearest(self, name: str, at_ns: int, within_ns: int) -> RawMessage | None:
-        """The message of a topic that was received nearest to an instant, ns since the epoch.
-
-        None = none within so many ns. A damaged chunk is passed over, and `problem` tells it.
-        Raises RecorderError if the disk refuses.
-        """
-        channels = self._catalogue.channels_of(name)
-        near = [chunk for chunk in self._chunks if chunk.distance(at_ns) <= within_ns]
-        nearest: Message | None = None
-        self._unpacked = 0
-        try:
-            with open_recording(self.path) as file:
-                for chunk in sorted(near, key=lambda chunk: chunk.distance(at_ns)):
-                    if chunk.distance(at_ns) > within_ns or self._unpacked > _MOST_UNPACKED:
-                        break
-                    if not chunk.channels or chunk.channels & channels:
-                        for message in self._messages(file, chunk.offset, channels):
-                            if abs(message.log_time - at_ns) <= within_ns:
-                                nearest, within_ns = message, abs(message.log_time - at_ns) - 1
-            if nearest is None:
-                return None
-            topic = self._catalogue.topic(nearest.channel_id)
-        except (DamageError, OSError) as error:
-            raise RecorderError(f"{name}: cannot be read ({error}); look at the disk") from None
-        return _raw(nearest, topic)
-
-    def parts(self) -> Iterator[_Part]:
-        """Each chunk, its messages by log time, and the messages outside the chunks, as stored."""
-        for chunk in self._chunks:
-            yield chunk.begin_ns, self._in_chunk(chunk.offset)
-        loose = self._loose()
-        if (first := next(loose, None)) is not None:
-            yield first.receive_ns, chain([first], loose)
-
-    def _in_chunk(self, offset: int) -> Iterator[RawMessage]:
-        try:
-            with open_recording(self.path) as file:
-                messages = list(self._messages(file, offset))
-            for message in sorted(messages, key=lambda message: message.log_time):
-                yield _raw(message, self._catalogue.topic(message.channel_id))
-        except (DamageError, OSError) as error:
-            self.problem = self.problem or str(error)
-
-    def _loose(self) -> Iterator[RawMessage]:
-        try:
-            with open_recording(self.path) as file:
-                for message in read_records(file, LOOSE):
-                    if isinstance(message, Message):
-                        yield _raw(message, self._catalogue.topic(message.channel_id))
-        except (DamageError, OSError) as error:
-            self.problem = self.problem or end_of(error)
-
-    def _messages(
-        self, file: BinaryIO, offset: int, channels: set[int] | None = None
-    ) -> Iterator[Message]:
-        content = read_chunk(file, offset)
-        self._unpacked += len(content.records)
-        if content.problem is not None and self.problem is None:
-            self.problem = f"a chunk {content.problem} (byte {offset})"
-        with suppress(DamageError):
-            for record in records_in(content.records):
-                if isinstance(record, Message) and (
-                    channels is None or record.channel_id in channels
-                ):
-                    yield record
+def natural_order(path: Path | str) -> list[int | str]:
+    """Return a key that sorts by the numbers in names: `bag_10.mcap` comes after `bag_9.mcap`."""
+    parts = re.split(r"(\d+)", PurePath(path).name)
+    return [int(part) if part.isdecimal() else part for part in parts]

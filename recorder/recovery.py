@@ -1,27 +1,24 @@
-"""Repair a bag that was cut off or damaged: the same messages in a file that every reader takes.
+"""Repairs a bag that was cut off or damaged: what can be read, in a file that every reader takes.
 
-The new file is written beside the old one, read back, and takes its name in one step; the old one
-stays as `NAME.mcap.torn`. A kill at any moment leaves the old file or the new one under the name,
-and the old one in any case; to repair again is harmless.
-
-Of evidence that was only cut off the old file goes: the new one has every whole message of it, and
-it would take the same room once more.
+The new file is written beside the old one and takes its name in one step; the old one stays as
+`NAME.mcap.torn`. A kill at any moment leaves the old file or the new one under the name, and the
+old one in any case; to repair again is harmless.
 """
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import os
-from collections import Counter
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from io import BufferedReader
 from itertools import count
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
 from mcap.records import Metadata
 
+from recorder import RecorderError
 from recorder.bag import (
     METADATA_FILE,
     YAML_PROBLEMS,
@@ -30,14 +27,15 @@ from recorder.bag import (
     Topic,
     is_evidence,
 )
-from recorder.errors import RecorderError
-from recorder.listing import listing, put_listing, remove, remove_metadata_parts, summarised
-from recorder.mcap_file import ROSBAG2_RECORD, McapFile
-from recorder.mcap_reader import ChunkEnd, DamageError, ForeignError
+from recorder.evidence import listing, put_listing, remove, summarised
 from recorder.reader import (
     RECOVERY_RECORD,
+    ChunkEnd,
+    ForeignError,
+    Outline,
     bag_files,
     bag_information,
+    information_in,
     listed_names,
     natural_order,
     not_a_bag,
@@ -45,26 +43,15 @@ from recorder.reader import (
     read_items,
     refuse_sqlite,
 )
-from recorder.survey import Survey
+from recorder.writer import ROSBAG2_RECORD, BagFile
 
-_SUFFIX = ".mcap"
 _PART = ".recovering"
 _TORN = ".torn"
+_TOLD = 3
+"""Damaged chunks that are told one by one."""
 
-_REMEDIES = {
-    errno.ENOSPC: "make room on its disk or copy it to another",
-    errno.EDQUOT: "make room on its disk or copy it to another",
-    errno.EFBIG: "copy it to a disk that takes large files",
-    errno.EACCES: "copy it to a folder that can be read and written",
-    errno.EPERM: "copy it to a folder that can be read and written",
-    errno.EROFS: "copy it to a disk that can be written",
-    errno.ENOENT: "check the path",
-    errno.ENOTDIR: "check the path",
-    errno.ELOOP: "give the path of the file itself and not of a link",
-}
-
-
-"""Called only where a new file is written."""
+_LARGEST_END = 100_000_000
+"""A kill cuts one record, of no more bytes: a longer unreadable end is damage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,28 +86,25 @@ class Recovered:
 def recover(path: Path) -> Recovered:
     """Repair a bag folder or an `.mcap` file; a whole one stays as it is.
 
-    Whole chunks are kept and the whole messages of a cut one, with their bytes, order and both
-    times, and types, channels, QoS and metadata records. Left in the old file is what no bag
-    recorded here has: attachments, and definitions in another language than `ros2msg`.
-    Raises RecorderError; nothing is then lost.
+    What the reader reads is kept, with its bytes, order and both times, and types, channels, QoS
+    and metadata records. Raises RecorderError; nothing is then lost.
     """
     try:
         file, is_alone = _recording_at(path)
-        with ExitStack() as stack:
-            folder_fd = _open_folder(file.parent, stack)
-            remove_metadata_parts(folder_fd)
+        folder_fd = os.open(file.parent, os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
             recovered, information = _recover_file(file, folder_fd)
-            if is_alone:
-                is_listed = _is_listed(file.parent, folder_fd, information)
-                if recovered.cut or not is_listed:
-                    put_listing(folder_fd, information)
-                    recovered = replace(recovered, metadata=file.parent / METADATA_FILE)
-            elif is_evidence(file.name) and recovered.cut:
+            if is_alone and (recovered.cut or not _is_listed(folder_fd, file.parent, information)):
+                put_listing(folder_fd, information)
+                recovered = replace(recovered, metadata=file.parent / METADATA_FILE)
+            elif recovered.cut and is_evidence(file.name):
                 put_listing(folder_fd)
             if path.is_dir():
-                done, hopeless = _recover_evidence(path, folder_fd)
-                recovered = replace(recovered, evidence=done, hopeless=hopeless)
+                evidence, hopeless = _recover_evidence(path, folder_fd)
+                recovered = replace(recovered, evidence=evidence, hopeless=hopeless)
             return recovered
+        finally:
+            os.close(folder_fd)
     except ForeignError as error:
         raise not_a_bag(path, error) from None
     except OSError as error:
@@ -128,32 +112,28 @@ def recover(path: Path) -> Recovered:
 
 
 def recover_evidence(folder: Path) -> tuple[Recovered, ...]:
-    """The recording is left alone."""
+    """Repair the evidence of a bag; the recording is left alone."""
     try:
-        with ExitStack() as stack:
-            folder_fd = _open_folder(folder, stack)
+        folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
             return _recover_evidence(folder, folder_fd)[0]
+        finally:
+            os.close(folder_fd)
     except OSError as error:
         raise _refused(folder, error) from None
 
 
 def _refused(path: Path, error: OSError) -> RecorderError:
     return RecorderError(
-        f"cannot repair {path}: {error.strerror or error}; "
-        f"nothing is lost, {_REMEDIES.get(error.errno or 0, 'check the disk')}"
+        f"cannot repair {path}: {error.strerror or error}; nothing is lost, "
+        "check the path, and whether its disk has room and can be written"
     )
 
 
-def _open_folder(folder: Path, stack: ExitStack) -> int:
-    folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
-    stack.callback(os.close, folder_fd)
-    return folder_fd
-
-
 def _recording_at(path: Path) -> tuple[Path, bool]:
-    """The recording, and whether it is all that its folder has beside evidence."""
+    """Return the recording, and whether it is all that its folder has beside evidence."""
     if path.is_dir():
-        files = _files(path)
+        files = bag_files(path)[0]
         refuse_sqlite(path, files)
         if len(files) > 1:
             raise RecorderError(
@@ -163,32 +143,21 @@ def _recording_at(path: Path) -> tuple[Path, bool]:
         return path / files[0].name, True
     path = Path(os.path.realpath(path))
     refuse_sqlite(path, [path])
-    if path.suffix != _SUFFIX:
+    if path.suffix != ".mcap":
         path.stat()
-        raise ForeignError(f"its name does not end in {_SUFFIX}")
+        raise ForeignError("its name does not end in .mcap")
     with suppress(RecorderError, ForeignError):
         return path, bag_files(path.parent)[0] == [path]
     return path, False
 
 
-def _files(folder: Path) -> list[Path]:
-    try:
-        return bag_files(folder)[0]
-    except ForeignError:
-        torn = list(folder.glob(f"*{_SUFFIX}{_TORN}"))
-        if len(torn) != 1:
-            raise
-        return [torn[0].with_suffix("")]  # an exchange was cut off, see `_put_back`
-
-
 def _recover_evidence(
     folder: Path, folder_fd: int
 ) -> tuple[tuple[Recovered, ...], tuple[str, ...]]:
-    """A file with a summary is taken for whole and not read."""
-    names = {name.partition(_TORN)[0] for name in os.listdir(folder_fd)}
+    """Repair each file without a summary; one that has it is taken for whole and not read."""
     done: list[Recovered] = []
     hopeless: list[str] = []
-    for name in sorted(filter(is_evidence, names), key=natural_order):
+    for name in sorted(filter(is_evidence, os.listdir(folder_fd)), key=natural_order):
         if summarised(folder_fd, name) is not None:
             continue
         try:
@@ -205,77 +174,127 @@ def _recover_evidence(
 
 
 def _recover_file(path: Path, folder_fd: int) -> tuple[Recovered, BagInformation]:
-    name, torn = path.name, None
-    _put_back(folder_fd, name)
-    with open_recording(name, folder_fd) as file:
-        _lock(folder_fd, name, file)
+    with open_recording(path.name, folder_fd) as file:
+        _lock(file, path.name)
+        outline = _read(file, path)
+        topics = list(outline.topics.values())
+        information = BagInformation(
+            path.name, topics, outline.counts, outline.start_ns, outline.end_ns
+        )
+        cut, tail = _what_was_wrong(outline)
+        torn = None
+        if cut:
+            torn = _replace(file, path, folder_fd, outline)
+    return Recovered(path, outline.counts.total(), torn, None, cut, tail), information
+
+
+def _lock(file: BufferedReader, name: str) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise RecorderError(
+            f"{name} is being written; end its recording or repair, then try again"
+        ) from None
+    except OSError:
+        pass  # not every network disk has locks
+
+
+def _read(file: BufferedReader, path: Path) -> Outline:
+    """Read a file to its end, whole or torn; RecorderError if no bag can hold its topics."""
+    outline = Outline()
+    for item in read_items(file):
+        if isinstance(item, Topic) and outline.topics.get(item.name, item).type != item.type:
+            raise RecorderError(
+                f"{path}: {item.name[:80]!r} has two types, which no bag can hold; "
+                "convert it by the tool that wrote it"
+            )
+        outline.add(item)
+    foreign = [damage for damage in outline.damages if damage.is_foreign]
+    if foreign:
+        raise RecorderError(f"{path}: {foreign[0].words}; it is left as it is")
+    return outline
+
+
+def _what_was_wrong(outline: Outline) -> tuple[tuple[str, ...], int]:
+    """Return the damages in words, and the bytes of the unreadable end."""
+    gaps = [damage.outcome for damage in outline.damages if damage.tail_bytes is None]
+    ends = [damage for damage in outline.damages if damage.tail_bytes is not None]
+    words = [*gaps[:_TOLD], *(damage.words for damage in ends)]
+    if len(gaps) > _TOLD:
+        words.append(f"{len(gaps) - _TOLD} more chunks are left out")
+    return tuple(words), sum(damage.tail_bytes or 0 for damage in ends)
+
+
+def _replace(file: BufferedReader, path: Path, folder_fd: int, outline: Outline) -> Path | None:
+    """Put what can be read in the place of a file; returns where that is kept."""
+    part = path.name + _PART
+    tail = sum(damage.tail_bytes or 0 for damage in outline.damages)
+    is_cut_off = all(damage.tail_bytes is not None for damage in outline.damages)
+    remove(folder_fd, part)
+    new = BagFile(folder_fd, part, listed_as=path.name)  # it is locked up to the end
+    try:
         before = os.fstat(file.fileno())
-        survey = Survey.of(file, path)
-        information = survey.information()
-        if survey.cut:
-            with ExitStack() as undo:
-                undo.callback(remove, folder_fd, name + _PART)
-                remove(folder_fd, name + _PART)
-                new = McapFile(folder_fd, name + _PART, listed_as=name)
-                undo.callback(new.close)  # it is locked up to the end
-                _write(new, file, survey)
-                _compare(folder_fd, path, information)
-                after = os.fstat(file.fileno())
-                if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
-                    raise RecorderError(
-                        f"{path} is being written; end its recording, then try again"
-                    )
-                if not (is_evidence(name) and survey.only_cut_off):
-                    torn = path.with_name(_keep(folder_fd, name))
-                    os.fsync(folder_fd)
-                os.rename(name + _PART, name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-                os.fsync(folder_fd)
-    cut = tuple(survey.cut)
-    return Recovered(path, survey.messages, torn, None, cut, survey.tail_bytes), information
+        _copy(file, new, outline)
+        after = os.fstat(file.fileno())
+        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
+            raise RecorderError(f"{path} is being written; end its recording, then try again")
+        torn = None
+        if not (is_evidence(path.name) and is_cut_off and tail <= _LARGEST_END):
+            torn = path.with_name(_keep(folder_fd, path.name))
+        os.rename(part, path.name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+        os.fsync(folder_fd)
+        return torn
+    finally:
+        new.close()
+        remove(folder_fd, part)
 
 
-def _write(new: McapFile, file: BinaryIO, survey: Survey) -> None:
+def _copy(file: BufferedReader, new: BagFile, outline: Outline) -> None:
     new.start((), {})
-    with suppress(DamageError):  # the survey has met it and told it
-        for item in read_items(file):
-            match item:
-                case RawMessage():
-                    new.add_message(item)
-                case ChunkEnd():
-                    new.end_chunk()
-                case Topic():
-                    new.register(item)
-                case Metadata() if item.name != ROSBAG2_RECORD:  # it is made anew
-                    new.add_record(item.name, item.metadata)
-    if survey.lost is not None:
-        record = {"problem": survey.lost, "tail_bytes": str(survey.tail_bytes)}
-        new.add_record(RECOVERY_RECORD, record)
+    for item in read_items(file):
+        match item:
+            case RawMessage():
+                new.add_message(item)
+            case ChunkEnd():
+                new.end_chunk()
+            case Topic():
+                new.register(item)
+            case Metadata() if item.name != ROSBAG2_RECORD:  # it is made anew
+                new.add_record(item.name, item.metadata)
+    tail = sum(damage.tail_bytes or 0 for damage in outline.damages)
+    record = {"problem": outline.damages[0].outcome, "tail_bytes": str(tail)}
+    new.add_record(RECOVERY_RECORD, record)
     new.finish()
 
 
-def _compare(folder_fd: int, path: Path, information: BagInformation) -> None:
-    with open_recording(path.name + _PART, folder_fd) as file:
-        again = Survey.of(file, path)
-    if again.cut or again.information() != information:
-        raise RecorderError(
-            f"cannot repair {path}: what was written is not what is read back; "
-            "nothing is lost, copy it to another disk"
-        )
+def _keep(folder_fd: int, name: str) -> str:
+    """Give a file a second name, `NAME.torn`, and return it."""
+    for number in count(1):
+        torn = name + _TORN + (f".{number}" if number > 1 else "")
+        try:
+            os.link(name, torn, src_dir_fd=folder_fd, dst_dir_fd=folder_fd, follow_symlinks=False)
+        except FileExistsError:
+            if not _is_same(folder_fd, name, torn):  # else a repair was ended here
+                continue
+        return torn
+    raise AssertionError
 
 
-def _is_listed(folder: Path, folder_fd: int, information: BagInformation) -> bool:
+def _is_same(folder_fd: int, *names: str) -> bool:
+    first, second = (os.stat(name, dir_fd=folder_fd, follow_symlinks=False) for name in names)
+    return os.path.samestat(first, second)
+
+
+def _is_listed(folder_fd: int, folder: Path, information: BagInformation) -> bool:
     """Whether `metadata.yaml` tells what is there; a damaged one is kept under a second name."""
     listed = listing(folder_fd, information) or information
-    files = (listed, *listed.more)
-    counts = sum((Counter(file.counts) for file in files), Counter[str]())
+    expected = information_in(listed.metadata_yaml().encode())
     try:
         document = bag_information(folder)
-        topics = document["topics_with_message_count"]
-        counted = {topic["topic_metadata"]["name"]: topic["message_count"] for topic in topics}
         return (
-            document["message_count"] == counts.total()
-            and {name: number for name, number in counted.items() if number} == counts
-            and listed_names(document) == [file.file_name for file in files]
+            listed_names(document) == listed_names(expected)
+            and document["message_count"] == expected["message_count"]
+            and _counts(document) == _counts(expected)
         )
     except FileNotFoundError:
         return False
@@ -284,72 +303,7 @@ def _is_listed(folder: Path, folder_fd: int, information: BagInformation) -> boo
         return False
 
 
-_NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK}
-
-
-def _lock(folder_fd: int, name: str, file: BinaryIO) -> None:
-    """Lock a file against recording and repair until it is closed; RecorderError if locked."""
-    busy = RecorderError(f"{name} is being written; end its recording or repair, then try again")
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise busy from None
-    except OSError:
-        pass  # not every network disk has locks
-    if not _is_named(folder_fd, name, os.fstat(file.fileno())):
-        raise busy  # a repair has just ended
-
-
-def _keep(folder_fd: int, name: str) -> str:
-    """Give a file a second name, `NAME.torn`; where a disk has no hard links, a new name."""
-    info = os.stat(name, dir_fd=folder_fd, follow_symlinks=False)
-    for number in count(1):
-        torn_name = _torn_name(name, number)
-        if _is_named(folder_fd, torn_name, info):
-            return torn_name  # an earlier repair was ended here
-        if _exists(folder_fd, torn_name):
-            continue
-        try:
-            os.link(
-                name, torn_name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd, follow_symlinks=False
-            )
-        except OSError as error:
-            if error.errno not in _NO_LINKS:
-                raise
-            os.rename(name, torn_name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-        return torn_name
-    raise AssertionError
-
-
-def _put_back(folder_fd: int, name: str) -> None:
-    """Undo the first half of an exchange that was cut off, on a disk without hard links.
-
-    RecorderError if the exchange is going on.
-    """
-    if _exists(folder_fd, name) or not _exists(folder_fd, _torn_name(name, 1)):
-        return
-    last = next(n for n in count(1) if not _exists(folder_fd, _torn_name(name, n + 1)))
-    torn_name = _torn_name(name, last)
-    with open_recording(torn_name, folder_fd) as file:
-        _lock(folder_fd, torn_name, file)
-        if not _exists(folder_fd, name):
-            os.rename(torn_name, name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-
-
-def _torn_name(name: str, number: int) -> str:
-    return name + _TORN + (f".{number}" if number > 1 else "")
-
-
-def _exists(folder_fd: int, name: str) -> bool:
-    try:
-        os.stat(name, dir_fd=folder_fd, follow_symlinks=False)
-    except FileNotFoundError:
-        return False
-    return True
-
-
-def _is_named(folder_fd: int, name: str, info: os.stat_result) -> bool:
-    try:
-        return os.path.samestat(os.stat(name, dir_fd=folder_fd, follow_symlinks=False), info)
-    except FileNotFoundError:
-        return False
+def _counts(document: dict[str, Any]) -> dict[str, int]:
+    topics = document["topics_with_message_count"]
+    counts = {topic["topic_metadata"]["name"]: topic["message_count"] for topic in topics}
+    return {name: count for name, count in counts.items() if count}

@@ -1,47 +1,89 @@
-"""Record messages to a bag: a queue bounded in bytes, and one thread that owns the file.
+"""Records messages to a bag: a bounded queue, and one thread that owns the file.
 
-The caller never waits for the disk, and the order of `put_message` is the order in the bag.
+Nobody waits for the disk. What it refuses waits in memory, and goes on at the byte where it
+stopped. The order of `put_message` is the order in the bag.
 """
 
 from __future__ import annotations
 
+import fcntl
 import os
-import sys
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from functools import partial
+from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self, TypeAlias
 
-from recorder.bag import MAX_NS, RawMessage, Topic, topic_problem
-from recorder.bag_folder import BagFolder, FurtherFile
-from recorder.errors import RecorderError, remedy
-from recorder.mcap_file import McapFile
-from recorder.mcap_writer import CHUNK_BYTES
-from recorder.recorder_stats import Account, DropReason, RecorderState, RecorderStats, missing_words
+from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
+from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+
+from recorder import RecorderError
+from recorder.bag import (
+    MAX_NS,
+    METADATA_FILE,
+    BagInformation,
+    RawMessage,
+    Topic,
+    bag_file_name,
+    evidence_file_name,
+    qos_text,
+    topic_problem,
+)
+from recorder.evidence import FurtherFile, put_listing, remove
+
+ROSBAG2_RECORD = "rosbag2"
+"""The metadata record in which rosbag2 repeats `metadata.yaml`."""
+
+CHUNK_BYTES = 768 * 1024
+"""Bytes of a chunk before compression: the longest single write stays at a few milliseconds."""
 
 _OVERHEAD_BYTES = 256
-"""Memory of a queued message beside its data, so that many small ones are bounded as well."""
+"""Memory of a queued message beside its data."""
 
-SYNC_BYTES = 4_000_000
-"""Evidence is synced after so many bytes: a sync of what is scored then waits for no more."""
 
-_RECORDING, _FULL = RecorderState.RECORDING, DropReason.QUEUE_FULL
-"""Used for each message; Python 3.11 takes 0.2 us to look up a member."""
+class RecorderState(StrEnum):
+    """The life of a recorder."""
+
+    CLOSED = "closed"
+    RECORDING = "recording"
+    FAILED = "failed"
+    """What was written before stays readable, as an unfinished bag."""
+    FINISHED = "finished"
 
 
 @dataclass(frozen=True, slots=True)
-class _Record:
-    name: str
-    content: Mapping[str, str]
+class RecorderStats:
+    """A recorder at one instant; messages per topic.
+
+    Attributes:
+        received: those handed over.
+        recorded: those on the disk.
+        lost: those that will never be in the bag. What is neither waits in memory.
+        memory_bytes: of what waits.
+        seconds_since_sync: since everything received was on the disk; None before `open`.
+        end_ns: last log time in the file, ns since the epoch; None without messages.
+        error: why the disk takes nothing at the moment, or why the recording ended.
+    """
+
+    folder: Path
+    state: RecorderState
+    received: Mapping[str, int]
+    recorded: Mapping[str, int]
+    lost: Mapping[str, int]
+    memory_bytes: int
+    file_bytes: int
+    seconds_since_sync: float | None
+    end_ns: int | None
+    error: str | None
 
 
-_Item = RawMessage | Topic | _Record
+_Item: TypeAlias = RawMessage | Topic | tuple[str, dict[str, str]]
+"""What waits for the writer's thread; the last one is a metadata record."""
 
 
 class BagWriter:
@@ -52,7 +94,7 @@ class BagWriter:
         topics: known beforehand; later ones by `add_topic`.
         records: MCAP metadata records by name, written before the first message.
         flush_period: seconds of `clock` between two syncs, about the most that a crash can cost.
-        queue_bytes: memory that messages may take on their way to the file.
+        memory_bytes: the most that messages take on their way to the disk.
         block_when_full: let `put_message` wait for room instead of dropping (virtual time).
         clock: monotonic time, s.
     """
@@ -64,35 +106,38 @@ class BagWriter:
         records: Mapping[str, Mapping[str, str]],
         *,
         flush_period: float = 0.2,
-        queue_bytes: int = 64 * 1024 * 1024,
+        memory_bytes: int = 64 * 1024 * 1024,
         block_when_full: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._place = place
         self.folder = place.folder if isinstance(place, FurtherFile) else place
-        self._topics: dict[str, Topic] = {}
+        self._place = place
+        self._folder_fd = -1
         self._first_topics = tuple(topics)
-        self._records = dict(records)
+        self._records = records
         self._flush_period = flush_period
-        self._queue_bytes = queue_bytes
-        self._batch_bytes = min(CHUNK_BYTES, queue_bytes // 2)
+        self._memory_bytes = memory_bytes
         self._block = block_when_full
         self._clock = clock
-        self._lock = threading.Lock()  # guards everything below
-        self._changed = threading.Condition(self._lock)
+        self._thread: threading.Thread | None = None
+        self._next_sync = 0.0
+        self._changed = threading.Condition()  # guards everything below
+        self._topics: dict[str, Topic] = {}
+        for topic in topics:
+            self._topics.setdefault(topic.name, topic)
         self._state = RecorderState.CLOSED
         self._closing = False
         self._blocked = 0
-        self._queue: deque[_Item] = deque()
+        self._queue: deque[tuple[int, _Item]] = deque()
         self._queued = 0
-        self._account = Account()
-        self._span: tuple[int | None, int | None] = (None, None)
+        self._unsaved = 0
+        self._received: Counter[str] = Counter()
+        self._recorded: Counter[str] = Counter()
+        self._lost: Counter[str] = Counter()
+        self._end_ns: int | None = None
         self._file_bytes = 0
         self._synced: float | None = None
-        self._synced_bytes = 0
-        self._asked_bytes = sys.maxsize
         self._error: str | None = None
-        self._thread: threading.Thread | None = None
 
     def open(self) -> None:
         """Make the bag, its header, records and `metadata.yaml` on disk, and record.
@@ -101,33 +146,22 @@ class BagWriter:
         """
         if self._state is not RecorderState.CLOSED or self._closing:
             raise RecorderError(f"{self.folder} was recorded or closed before; make a new recorder")
-        self._register_first_topics()
-        bag = BagFolder(self._place, self._topics.values(), self._records)
-        self._file_bytes = bag.file.size
-        self._synced = self._clock()
-        # A daemon: a program that ends without `close` must not hang on it.
-        thread = threading.Thread(target=self._run, args=(bag,), name="recorder", daemon=True)
-        self._state = RecorderState.RECORDING
-        try:
-            thread.start()
-        except RuntimeError as error:
-            self._state = RecorderState.CLOSED
-            bag.remove()
-            raise RecorderError(
-                f"cannot record to {self.folder}: {error}; end other programs"
-            ) from None
-        self._thread = thread
+        self._start(self._run, self._create())
 
     def start(self, niceness: int) -> None:
-        """As `open`, in the writer's thread: nobody waits for the disk.
+        """Do as `open` in the writer's thread, with low priority: nobody waits for the disk.
 
-        Messages wait in memory until the file is there. If it cannot be made, they are dropped and
+        Messages wait in memory until the file is there. If it cannot be made, they are lost and
         `stats` has the error.
         """
-        self._register_first_topics()
-        target = partial(self._open_and_run, niceness)
+        self._start(self._create_and_run, niceness)
+
+    def _start(self, target: Callable[..., None], argument: object) -> None:
+        # A daemon: a program that ends without `close` must not hang on it.
+        self._thread = threading.Thread(
+            target=target, args=(argument,), name="recorder", daemon=True
+        )
         self._state = RecorderState.RECORDING
-        self._thread = threading.Thread(target=target, name="recorder", daemon=True)
         self._thread.start()
 
     def __enter__(self) -> Self:
@@ -141,32 +175,33 @@ class BagWriter:
         traceback: TracebackType | None,
     ) -> None:
         stats = self.close()
-        if kind is None and (problem := stats.error or missing_words(stats)):
-            raise RecorderError(problem)
+        missing = ", ".join(f"{topic} {n}" for topic, n in sorted(stats.lost.items()))
+        if kind is None and stats.error is not None:
+            raise RecorderError(stats.error)
+        if kind is None and missing:
+            raise RecorderError(f"{self.folder}: messages are not in the bag: {missing}")
 
     def put_message(self, message: RawMessage) -> bool:
-        """Queue a message; False = it is dropped and counted. Never raises, never waits.
+        """Queue a message; False = it is lost, and counted. Never raises, never waits.
 
         With `block_when_full` it waits for room.
         """
         return self.put_all((message,)) == 1
 
     def put_all(self, messages: Iterable[RawMessage]) -> int:
-        """As `put_message`, oldest first; returns how many were not dropped."""
-        accepted, received = 0, self._account.received
-        with self._lock:
+        """Do as `put_message`, oldest first, and return how many are not lost."""
+        accepted = 0
+        with self._changed:
             for message in messages:
                 cost = len(message.data) + _OVERHEAD_BYTES
-                received[message.topic] += 1
-                reason = self._refusal(message, cost)
-                while reason is _FULL and self._block:
+                self._received[message.topic] += 1
+                while self._block and self._is_writing() and not self._has_room(cost):
                     self._wait_for_room()
-                    reason = self._refusal(message, cost)
-                if reason is None:
+                if self._takes(message) and self._has_room(cost):
                     self._enqueue(message, cost)
                     accepted += 1
                 else:
-                    self._account.drop(message.topic, reason)
+                    self._lost[message.topic] += 1
         return accepted
 
     def add_topic(self, topic: Topic) -> bool:
@@ -175,41 +210,39 @@ class BagWriter:
         It is not while not recording, if a bag cannot hold it, or if its name has another type.
         """
         with self._changed:
-            if not self._accepting or topic_problem(topic) is not None:
-                return False
             if topic.name in self._topics:
                 return self._topics[topic.name].type == topic.type
+            if not self._is_accepting or topic_problem(topic) is not None:
+                return False
             self._topics[topic.name] = topic
             self._enqueue(topic, len(topic.definition) + _OVERHEAD_BYTES)
             return True
 
     def add_record(self, name: str, record: Mapping[str, str]) -> bool:
-        """False when not recording."""
+        """Add a metadata record; False when not recording."""
         with self._changed:
-            if not self._accepting:
-                return False
-            self._enqueue(_Record(name, dict(record)), _OVERHEAD_BYTES)
-            return True
+            if self._is_accepting:
+                self._enqueue((name, dict(record)), _OVERHEAD_BYTES)
+            return self._is_accepting
 
     def stats(self) -> RecorderStats:
+        now = self._clock()
         with self._changed:
             return RecorderStats(
                 folder=self.folder,
                 state=self._state,
-                counts={name: self._account.saved[name] for name in self._topics},
-                received=dict(self._account.received),
-                dropped=dict(self._account.dropped()),
-                drop_reasons=dict(self._account.reasons()),
-                queued_bytes=self._queued,
+                received=dict(self._received),
+                recorded=dict(self._recorded),
+                lost=dict(self._lost),
+                memory_bytes=self._queued + self._unsaved,
                 file_bytes=self._file_bytes,
-                seconds_since_sync=None if self._synced is None else self._clock() - self._synced,
-                start_ns=self._span[0],
-                end_ns=self._span[1],
+                seconds_since_sync=None if self._synced is None else now - self._synced,
+                end_ns=self._end_ns,
                 error=self._error,
             )
 
     def finish(self) -> None:
-        """As `close`, without waiting for it."""
+        """Do as `close`, without waiting for it."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -226,31 +259,29 @@ class BagWriter:
                 self._fail(TimeoutError(f"the disk did not answer within {timeout:g} s"))
         return self.stats()
 
-    # Called with the lock held.
+    # With the lock held.
 
     @property
-    def _accepting(self) -> bool:
+    def _is_accepting(self) -> bool:
         return self._state is RecorderState.RECORDING and not self._closing
 
-    def _refusal(self, message: RawMessage, cost: int) -> DropReason | None:
-        if self._state is not _RECORDING or self._closing:
-            return DropReason.FAILED if self._error is not None else DropReason.NOT_RECORDING
+    def _takes(self, message: RawMessage) -> bool:
+        """Whether the bag can hold a message, if there is room."""
         topic = self._topics.get(message.topic)
-        if topic is None:
-            return DropReason.UNKNOWN_TOPIC
-        if topic.type != message.type:
-            return DropReason.OTHER_TYPE
-        if not (0 <= message.receive_ns < MAX_NS and 0 <= message.publish_ns < MAX_NS):
-            return DropReason.BAD_TIME
-        if cost > self._queue_bytes:
-            return DropReason.TOO_LARGE
-        return _FULL if self._queued + cost > self._queue_bytes else None
+        return (
+            self._is_accepting
+            and topic is not None
+            and topic.type == message.type
+            and 0 <= message.receive_ns < MAX_NS
+            and 0 <= message.publish_ns < MAX_NS
+        )
 
-    def _enqueue(self, item: _Item, cost: int) -> None:
-        self._queue.append(item)
-        self._queued += cost
-        if self._queued >= self._batch_bytes:
-            self._changed.notify_all()
+    def _has_room(self, cost: int) -> bool:
+        return self._queued + self._unsaved + cost <= self._memory_bytes
+
+    def _is_writing(self) -> bool:
+        """Whether there will be room, because the disk takes what waits."""
+        return self._is_accepting and self._error is None and self._queued + self._unsaved > 0
 
     def _wait_for_room(self) -> None:
         self._blocked += 1
@@ -258,132 +289,332 @@ class BagWriter:
         self._changed.wait()
         self._blocked -= 1
 
-    def _work_is_due(self) -> bool:
-        return self._closing or self._blocked > 0 or self._queued >= self._batch_bytes
+    def _enqueue(self, item: _Item, cost: int) -> None:
+        self._queue.append((cost, item))
+        self._queued += cost
+        if self._queued >= CHUNK_BYTES:
+            self._changed.notify_all()
+
+    def _is_due(self) -> bool:
+        return self._closing or self._blocked > 0 or self._queued >= CHUNK_BYTES
 
     # Opening.
 
-    def _register_first_topics(self) -> None:
+    def _create(self) -> BagFile:
+        """Make the folder and the file, on disk on return."""
         for topic in self._first_topics:
             problem = topic_problem(topic)
-            first_topic = self._topics.setdefault(topic.name, topic)
-            if first_topic.type != topic.type:
-                problem = f"{topic.name} is both {first_topic.type} and {topic.type}"
-            if problem is not None:
+            if self._topics[topic.name].type != topic.type:
+                problem = f"{topic.name} is both {self._topics[topic.name].type} and {topic.type}"
+            if problem:
                 raise RecorderError(f"{problem}; correct the topic's configuration")
+        name = bag_file_name(self.folder.name)
+        if isinstance(self._place, FurtherFile):
+            name = evidence_file_name(self.folder.name, self._place.number)
+        with ExitStack() as undo:
+            try:
+                if isinstance(self._place, Path):
+                    self.folder.mkdir()
+                    undo.callback(self.folder.rmdir)
+                self._folder_fd = os.open(self.folder, os.O_DIRECTORY | os.O_CLOEXEC)
+                undo.callback(os.close, self._folder_fd)
+                file = BagFile(self._folder_fd, name)
+                undo.callback(remove, self._folder_fd, name)
+                undo.callback(file.close)
+                file.start(self._topics.values(), self._records)
+                if isinstance(self._place, Path):
+                    undo.callback(remove, self._folder_fd, METADATA_FILE)
+                    put_listing(self._folder_fd, file.information())
+                    _sync_folder(self.folder.parent)
+                os.fsync(self._folder_fd)
+            except FileExistsError as error:
+                raise RecorderError(
+                    f"{self.folder.parent / error.filename} exists already; "
+                    "move it away or record under another name"
+                ) from None
+            except OSError as error:
+                raise RecorderError(
+                    f"cannot record to {self.folder}: {error.strerror or error}; "
+                    "choose a folder that exists and can be written, on a disk with room"
+                ) from None
+            undo.pop_all()
+        self._file_bytes = file.size
+        self._synced = self._clock()
+        self._next_sync = self._synced + self._flush_period
+        return file
 
-    # The writer thread.
+    # The writer's thread.
 
-    def _open_and_run(self, niceness: int) -> None:
+    def _create_and_run(self, niceness: int) -> None:
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), niceness)
         try:
-            bag = BagFolder(self._place, self._first_topics, self._records)
+            file = self._create()
         except Exception as error:  # noqa: BLE001 - whatever it is, the program goes on
             self._fail(error)
         else:
-            self._run(bag)
+            self._run(file)
 
-    def _run(self, bag: BagFolder) -> None:
+    def _run(self, file: BagFile) -> None:
         try:
-            while self._write_batch(bag.file):
-                pass
-            bag.finish()
-            self._report(bag.file)
-            self._finish()
+            closing = False
+            while not closing:
+                batch, cost, closing = self._take_batch()
+                if refusal := self._refusal(file, cost):
+                    file.sync()
+                    self._report(file, cost)
+                    self._end_evidence(refusal)
+                    break
+                for item in batch:
+                    self._add(file, item)
+                if self._clock() >= self._next_sync:
+                    self._sync(file)
+                self._report(file, cost)
+            file.finish()
+            recording = file.information() if isinstance(self._place, Path) else None
+            put_listing(self._folder_fd, recording)
+            self._report(file, 0)
+            with self._changed:
+                if self._state is RecorderState.RECORDING:
+                    self._state = RecorderState.FINISHED
         except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on
-            with suppress(MemoryError):
-                self._report(bag.file)
+            self._report(file, 0)
             self._fail(error)
         finally:
-            bag.close()
+            file.close()
+            os.close(self._folder_fd)
 
-    def _write_batch(self, file: McapFile) -> bool:
-        """Write what is queued; False when it was the last."""
-        timeout = self._until_sync()
+    def _take_batch(self) -> tuple[list[_Item], int, bool]:
+        """Wait for work, and return about a chunk of it, its cost, and whether it is the last."""
+        timeout = max(0.0, self._next_sync - self._clock())
         with self._changed:
-            self._changed.wait_for(self._work_is_due, timeout)
-            batch, self._queue = self._queue, deque()
-            size, last = self._queued, self._closing
-        if isinstance(self._place, FurtherFile):
-            self._asked_bytes = 0
-        for item in batch:
-            if file.size > self._asked_bytes and not self._has_room(file, item):
-                return False
-            match item:
-                case RawMessage():
-                    file.add_message(item)
-                case Topic():
-                    file.register(item)
-                case _Record():
-                    file.add_record(item.name, item.content)
-        if self._until_sync() <= 0:
-            self._sync(file)
-        self._report(file, size)
-        return not last
+            self._changed.wait_for(self._is_due, timeout)
+            batch: list[_Item] = []
+            cost = 0
+            while self._queue and cost < CHUNK_BYTES:
+                item_cost, item = self._queue.popleft()
+                batch.append(item)
+                cost += item_cost
+            return batch, cost, self._closing and not self._queue
 
-    def _sync(self, file: McapFile) -> None:
+    def _add(self, file: BagFile, item: _Item) -> None:
+        match item:
+            case RawMessage():
+                file.add_message(item)
+            case Topic():
+                file.register(item)
+            case (name, content):
+                file.add_record(name, content)
+
+    def _sync(self, file: BagFile) -> None:
+        """Bring all to the disk; what it refuses is tried again at the next sync."""
         now = self._clock()
-        file.sync()
-        self._synced, self._synced_bytes = now, file.size
+        self._next_sync = now + self._flush_period
+        try:
+            file.sync()
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            self._error = (
+                f"recording to {self.folder}: {error.strerror or error}; "
+                "what comes waits in memory: make room, or see to the disk"
+            )
+        else:
+            self._synced = now
+            self._error = None
 
-    def _has_room(self, file: McapFile, item: _Item) -> bool:
-        """Ask before each chunk whether evidence may go on; syncs what would hold others up."""
-        assert isinstance(self._place, FurtherFile)
-        if file.size - self._synced_bytes >= SYNC_BYTES:
-            self._sync(file)
-        self._asked_bytes = file.size
-        size = len(item.data) if isinstance(item, RawMessage) else _OVERHEAD_BYTES
-        refusal = self._place.refusal(file.size, file.pending + size)
-        if refusal is None:
-            return True
-        file.sync()
-        self._report(file)
+    def _refusal(self, file: BagFile, coming: int) -> str | None:
+        if isinstance(self._place, FurtherFile):
+            return self._place.refusal(file.size + file.unsaved, coming)
+        return None
+
+    def _end_evidence(self, refusal: str) -> None:
         with self._changed:
-            self._closing, self._error = True, refusal
-            self._give_up_rest()
-        return False
+            self._closing = True
+            self._error = refusal
+            self._lose_rest()
 
-    def _until_sync(self) -> float:
-        """Seconds until the next sync is due, negative when overdue."""
-        since = 0.0 if self._synced is None else self._clock() - self._synced
-        return self._flush_period - since
-
-    def _report(self, file: McapFile, done_bytes: int = 0) -> None:
+    def _report(self, file: BagFile, done: int) -> None:
         with self._changed:
             if self._state is RecorderState.FAILED:  # given up on; the account is closed
                 return
-            self._account.saved = file.saved
-            self._span = (file.start_ns, file.end_ns)
+            self._recorded = file.recorded
+            self._end_ns = file.end_ns
             self._file_bytes = file.size
-            self._queued -= done_bytes
+            self._queued -= done
+            self._unsaved = file.unsaved
             self._changed.notify_all()
 
-    def _finish(self) -> None:
-        with self._changed:
-            if self._state is RecorderState.RECORDING:
-                self._state = RecorderState.FINISHED
-
     def _fail(self, error: Exception) -> None:
-        """Stop recording; everything received and not saved counts as dropped."""
+        """Stop recording; everything received and not on the disk is lost."""
         cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
-        hint = remedy(error) or "check the disk and its free space before the next run"
-        outcome = f"what was written stays readable, {hint}"
+        outcome = "what was written stays readable, check the disk and its room"
         with self._changed:
             if self._state is not RecorderState.RECORDING:
                 return
             self._state = RecorderState.FAILED
             if isinstance(error, FileNotFoundError):  # the file or its folder was deleted
                 outcome = "what was written is lost, find out what deletes it before the next run"
-                self._account.saved.clear()
-                self._span, self._file_bytes = (None, None), 0
+                self._recorded = Counter()
+                self._end_ns, self._file_bytes = None, 0
             failed = f"recording to {self.folder} failed: {cause}; {outcome}"
             self._error = str(error) if isinstance(error, RecorderError) else failed
-            self._give_up_rest()
+            self._lose_rest()
 
-    def _give_up_rest(self) -> None:
-        """With the lock held."""
-        self._account.drop_rest()
+    def _lose_rest(self) -> None:
+        self._lost = self._received - self._recorded
         self._queue.clear()
-        self._queued = 0
+        self._queued = self._unsaved = 0
         self._changed.notify_all()
+
+
+class BagFile:
+    """The new `.mcap` file of a bag; not thread-safe.
+
+    Nothing but `sync` and `finish` touches the disk. The file is locked until it is closed, so
+    that nobody takes it for one that was cut off. `listed_as` is its name, if it will be renamed.
+    Raises OSError where the disk refuses.
+
+    Attributes:
+        recorded: messages on the disk, by topic.
+        start_ns, end_ns: first and last log time; None without messages.
+    """
+
+    def __init__(self, folder_fd: int, name: str, listed_as: str | None = None) -> None:
+        self.name = listed_as or name
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+        fd = os.open(name, flags, 0o666, dir_fd=folder_fd)
+        with suppress(OSError):  # not every network disk has locks
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._disk = _Disk(fd)
+        output: Any = self._disk
+        self._writer = Writer(output, CHUNK_BYTES, CompressionType.ZSTD)
+        self._topics: dict[str, Topic] = {}
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._counts: Counter[str] = Counter()
+        self.recorded: Counter[str] = Counter()
+        self.start_ns: int | None = None
+        self.end_ns: int | None = None
+
+    @property
+    def size(self) -> int:
+        """Bytes on the disk."""
+        return self._disk.size
+
+    @property
+    def unsaved(self) -> int:
+        """Bytes that wait for the disk."""
+        return len(self._disk.waiting)
+
+    def start(self, topics: Iterable[Topic], records: Mapping[str, Mapping[str, str]]) -> None:
+        """Write the header and the records, and register the topics; on disk on return."""
+        self._writer.start(Profile.ROS2, f"madrob recorder, {LIBRARY_IDENTIFIER}")
+        for topic in topics:
+            self.register(topic)
+        for name, record in records.items():
+            self.add_record(name, record)
+        self.sync()
+
+    def register(self, topic: Topic) -> None:
+        if topic.name in self._topics:
+            return
+        key = (topic.type, topic.definition)
+        if key not in self._schemas:
+            encoding = SchemaEncoding.ROS2 if topic.definition else ""
+            definition = topic.definition.encode()
+            self._schemas[key] = self._writer.register_schema(topic.type, encoding, definition)
+        told = {"offered_qos_profiles": qos_text(topic.qos), "topic_type_hash": topic.type_hash}
+        self._topics[topic.name] = topic
+        self._channels[topic.name] = self._writer.register_channel(
+            topic.name, MessageEncoding.CDR, self._schemas[key], told
+        )
+
+    def add_message(self, message: RawMessage) -> None:
+        """Append a message of a registered topic."""
+        time_ns = message.receive_ns
+        self._writer.add_message(
+            self._channels[message.topic],
+            time_ns,
+            message.data,
+            message.publish_ns,
+            message.sequence & 0xFFFF_FFFF,
+        )
+        self._counts[message.topic] += 1
+        self.start_ns = time_ns if self.start_ns is None else min(time_ns, self.start_ns)
+        self.end_ns = time_ns if self.end_ns is None else max(time_ns, self.end_ns)
+
+    def add_record(self, name: str, record: Mapping[str, str]) -> None:
+        self.end_chunk()  # it stands behind what came before it
+        self._writer.add_metadata(_text(name), {_text(k): _text(v) for k, v in record.items()})
+
+    def end_chunk(self) -> None:
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def sync(self) -> None:
+        """Bring everything to the disk; OSError also if the file was deleted."""
+        self.end_chunk()
+        self._disk.carry()
+        self.recorded = self._counts.copy()
+
+    def information(self) -> BagInformation:
+        topics = list(self._topics.values())
+        return BagInformation(self.name, topics, self._counts, self.start_ns, self.end_ns)
+
+    def finish(self) -> None:
+        """Add the record `rosbag2`, the indexes and the summary; on disk on return."""
+        record = {"serialized_metadata": self.information().serialized_metadata()}
+        self.end_chunk()
+        self._writer.add_metadata(ROSBAG2_RECORD, record)
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self.sync()
+
+    def close(self) -> None:
+        """Close it; what waits for the disk is lost."""
+        self._disk.close()
+
+
+def _sync_folder(folder: Path) -> None:
+    """Bring the names in a folder to the disk: they survive a power cut then."""
+    fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
+
+
+def _text(value: str) -> str:
+    """Make valid text: a stray byte in what a referee typed must not end the recording."""
+    return value.encode("utf-8", "backslashreplace").decode()
+
+
+class _Disk:
+    """A stream for mcap's writer that never refuses; `carry` takes its bytes to the file."""
+
+    def __init__(self, fd: int) -> None:
+        self._fd = fd
+        self.waiting = bytearray()
+        self.size = 0
+
+    def write(self, data: bytes) -> int:
+        self.waiting += data
+        return len(data)
+
+    def tell(self) -> int:
+        return self.size + len(self.waiting)
+
+    def flush(self) -> None:
+        """Do nothing: `carry` does it."""
+
+    def carry(self) -> None:
+        """Write what waits, as far as the disk has room; a part may be written if it raises."""
+        while self.waiting:
+            written = os.write(self._fd, bytes(self.waiting[:CHUNK_BYTES]))
+            del self.waiting[:written]
+            self.size += written
+        os.fdatasync(self._fd)
+        if os.fstat(self._fd).st_nlink == 0:
+            raise FileNotFoundError("the file was deleted")
+
+    def close(self) -> None:
+        os.close(self._fd)

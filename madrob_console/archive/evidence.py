@@ -19,8 +19,8 @@ from madrob_console.referee.evidence_account import CUT_OFF, EvidenceAccount
 from madrob_console.referee.journal import Entry, Origin, refusal_words
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase, Run
+from recorder import RecorderError
 from recorder.bag import is_evidence, is_left_of_evidence
-from recorder.errors import RecorderError
 from recorder.reader import natural_order
 
 _LEFT_FREE = 1_000_000_000
@@ -73,7 +73,7 @@ def settled_account(folder: Path, account: EvidenceAccount) -> EvidenceAccount |
 
     `account` is the account while they were written.
     """
-    from recorder.listing import summarised  # few runs need it
+    from recorder.evidence import summarised  # few runs need it
 
     counts: dict[str, tuple[str, int]] = {}
     problems: list[str] = []

@@ -77,12 +77,11 @@ def lists_evidence(folder: Path) -> bool:
 def listed_in(folder: Path) -> list[str]:
     """The files in a bag's `metadata.yaml`; none where that is missing or damaged."""
     from recorder.bag import YAML_PROBLEMS
-    from recorder.mcap_reader import DamageError
-    from recorder.reader import bag_information, listed_names
+    from recorder.reader import ForeignError, bag_information, listed_names
 
     try:
         return listed_names(bag_information(folder))
-    except (DamageError, OSError, *YAML_PROBLEMS):
+    except (ForeignError, OSError, *YAML_PROBLEMS):
         return []
 
 

@@ -12,10 +12,9 @@ from madrob_console.common.clock import nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import HEAD, TopicMapping, begins_with_header, header_stamp
 from madrob_console.messages.message_types import types_of
+from recorder import RecorderError
 from recorder.bag import RawMessage, Topic, is_evidence
-from recorder.errors import RecorderError
-from recorder.mcap_reader import DamageError
-from recorder.reader import Bag, Seeker, bag_files
+from recorder.reader import Bag
 from scoring.protocol import Signal
 
 PICTURE_TYPES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
@@ -44,27 +43,23 @@ class Cameras:
     """
 
     def __init__(self, folder: Path, mappings: Sequence[TopicMapping]) -> None:
-        self._problems: list[str] = []
-        self._files: list[Seeker] = []
         try:
-            for path in bag_files(folder, evidence=True)[0]:
-                self._open(path)
+            self._evidence = Bag(folder, evidence=True)
             self._delay = _delay_of_testbed(folder, mappings)
-        except (OSError, RecorderError) as error:
+        except RecorderError as error:
             raise MadrobError(str(error)) from None
-        self.topics = self._cameras_of_files()
-
-    def _open(self, path: Path) -> None:
-        try:
-            self._files.append(Seeker(path))
-        except (DamageError, OSError) as error:
-            self._problems.append(f"{path.name}: {error}")
+        cameras = [topic for topic in self._evidence.topics() if topic.type in PICTURE_TYPES]
+        cameras.sort(key=lambda topic: topic.name)
+        self.topics = tuple(cameras[:MOST_CAMERAS])
+        self._problems = []
+        if len(cameras) > MOST_CAMERAS:
+            self._problems.append(f"{len(cameras)} cameras: {MOST_CAMERAS} are shown")
 
     @property
     def problems(self) -> list[str]:
         """What is wrong with the evidence, as far as it was read, a line each."""
-        torn = [f"{file.path.name}: {file.problem}" for file in self._files if file.problem]
-        return [*self._problems, *torn]
+        torn = self._evidence.problem
+        return [*self._problems, *([] if torn is None else [torn])]
 
     def log_time(self, time: float) -> float:
         """The log time of an instant by the testbed's clock, both in s since the epoch."""
@@ -77,20 +72,7 @@ class Cameras:
         """
         if not FARTHEST <= log < seconds(_LATEST):
             return None
-        at_ns, within_ns = nanoseconds(log), nanoseconds(FARTHEST)
-        nearest = (file.nearest(camera.name, at_ns, within_ns) for file in self._files)
-        frames = (message for message in nearest if message is not None)
-        return min(frames, key=lambda frame: abs(frame.receive_ns - at_ns), default=None)
-
-    def _cameras_of_files(self) -> tuple[Topic, ...]:
-        cameras: dict[str, Topic] = {}
-        for file in self._files:
-            for topic in file.topics:
-                if topic.type in PICTURE_TYPES:
-                    cameras.setdefault(topic.name, topic)
-        if len(cameras) > MOST_CAMERAS:
-            self._problems.append(f"{len(cameras)} cameras: {MOST_CAMERAS} are shown")
-        return tuple(cameras[name] for name in sorted(cameras)[:MOST_CAMERAS])
+        return self._evidence.nearest(camera.name, nanoseconds(log), nanoseconds(FARTHEST))
 
 
 def _delay_of_testbed(folder: Path, mappings: Sequence[TopicMapping]) -> float:

@@ -24,7 +24,7 @@ from madrob_console.common.names import terminal_safe
 from madrob_console.common.plain_files import read_all
 from madrob_console.common.stored_json import decode
 from madrob_console.messages.codec import TopicMapping
-from recorder.errors import RecorderError
+from recorder import RecorderError
 
 if TYPE_CHECKING:
     from madrob_console.archive.picture import Jpeg

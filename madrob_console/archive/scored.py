@@ -34,7 +34,7 @@ from madrob_console.referee.flags import Flag, flags, practice_flags
 from madrob_console.referee.journal import LARGEST_JOURNAL, Entry, read_journal
 from madrob_console.referee.rebuild import Change, mark_of, rebuild
 from madrob_console.referee.run import DECISION_REMARKS, Run
-from recorder.errors import RecorderError
+from recorder import RecorderError
 from recorder.reader import Bag
 from scoring.arrays import Evaluation
 from scoring.assessment import Assessment

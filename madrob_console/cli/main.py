@@ -13,7 +13,7 @@ from madrob_console.cli.output import BAD_INPUT, StoppedError, complain
 from madrob_console.cli.parsing import Parser
 from madrob_console.cli.safe_stream import forget, safe_output
 from madrob_console.common.errors import MadrobError
-from recorder.errors import RecorderError
+from recorder import RecorderError
 from scoring.protocol import ScoringError
 
 COMMANDS = (

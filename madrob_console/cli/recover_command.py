@@ -15,7 +15,7 @@ from madrob_console.cli.output import BAD_INPUT, Complaints
 from madrob_console.cli.progress import counted_off
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from recorder.errors import RecorderError
+from recorder import RecorderError
 
 if TYPE_CHECKING:
     from madrob_console.archive.run_paths import RunPath

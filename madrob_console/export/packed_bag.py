@@ -12,7 +12,7 @@ from typing import Self
 from madrob_console.archive.run_journal import evidence_removed
 from madrob_console.common.plain_files import opened_folder, stamp_of
 from recorder.bag import METADATA_FILE, is_evidence, is_left_of_evidence
-from recorder.listing import listing
+from recorder.evidence import listing
 
 
 @dataclass(frozen=True, slots=True)

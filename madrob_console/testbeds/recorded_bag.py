@@ -17,8 +17,8 @@ from madrob_console.messages.codec import (
 )
 from madrob_console.messages.message_types import MessageError, MessageTypes
 from madrob_console.testbeds.source import Source, TopicStatus
+from recorder import RecorderError
 from recorder.bag import RawMessage, Topic
-from recorder.errors import RecorderError
 from recorder.reader import Bag
 
 MOST_KEPT = 150_000

@@ -16,7 +16,7 @@ from madrob_console.messages.codec import DEFAULT_MAPPINGS
 from madrob_console.testbeds.ros.connection import load_message_class
 from madrob_console.testbeds.ros.subscriptions import qos_profile
 from madrob_console.testbeds.ros_domain import domain_id
-from recorder.mcap_writer import CHUNK_BYTES
+from recorder.writer import CHUNK_BYTES
 from tests.madrob_console.ros_peer import RELIABLE, TYPES, Peer
 
 THERE = "there"

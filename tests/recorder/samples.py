@@ -6,7 +6,6 @@ import os
 import resource
 import threading
 import tracemalloc
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -19,7 +18,7 @@ import numpy as np
 import pytest
 from mcap.data_stream import RecordBuilder
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, Schema
+from mcap.records import Channel, McapRecord, Message, Schema
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC, Writer
 from rosbags.rosbag2 import Reader
@@ -35,7 +34,7 @@ from recorder.bag import (
     evidence_file_name,
     qos_text,
 )
-from recorder.mcap_file import McapFile
+from recorder.writer import BagFile
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
@@ -145,32 +144,6 @@ def record_starts(content: bytes) -> list[int]:
     return starts
 
 
-def mixed(messages: list[RawMessage]) -> bytes:
-    """A file whose first half lies in a chunk and the rest behind it, without a summary."""
-    kind = talk()
-    records = [
-        Message(1, one.receive_ns, one.data, one.publish_ns, number)
-        for number, one in enumerate(messages)
-    ]
-    half = len(records) // 2
-    content = encoded(*records[:half])
-    return b"".join(
-        (
-            MCAP0_MAGIC,
-            encoded(
-                Header("ros2", "another tool"),
-                Schema(1, kind.definition.encode(), "ros2msg", kind.type),
-                Channel(1, kind.name, "cdr", {}, 1),
-                Chunk("", content, zlib.crc32(content), 0, 0, len(content)),
-                *records[half:],
-                DataEnd(0),
-                Footer(0, 0, 0),
-            ),
-            MCAP0_MAGIC,
-        )
-    )
-
-
 def all_within(folder: Path, names: str = "*") -> dict[Path, bytes | bool]:
     """Every path below a folder, with the bytes of what is a file."""
     return {path: path.is_file() and path.read_bytes() for path in folder.rglob(names)}
@@ -263,7 +236,7 @@ def add_evidence(folder: Path, messages: Sequence[RawMessage], number: int = 0) 
     """Put a file of evidence into a bag folder, as the recorder names it; types as ROS has them."""
     name, types = evidence_file_name(folder.name, number), {m.topic: m.type for m in messages}
     with opened(folder) as fd:
-        file = McapFile(fd, name)
+        file = BagFile(fd, name)
         file.start([topic(*named) for named in types.items()], {})
         for message in messages:
             file.add_message(message)

@@ -18,18 +18,15 @@ from hypothesis import strategies as st
 from mcap.records import (
     Channel,
     Chunk,
-    Footer,
     Message,
     Metadata,
-    MetadataIndex,
     Schema,
 )
 from mcap.writer import MCAP0_MAGIC, CompressionType
 
+from recorder import RecorderError
 from recorder.bag import BagInformation, RawMessage
-from recorder.errors import RecorderError
-from recorder.mcap_reader import DamageError
-from recorder.reader import Bag, Seeker
+from recorder.reader import Bag
 from recorder.recovery import Recovered, recover
 from tests.recorder.samples import (
     BEST_EFFORT,
@@ -169,14 +166,14 @@ def whole_start(content: bytes) -> bool:
 def look_up(path: Path, read: list[RawMessage], *, only_cut: bool) -> None:
     """A message that is read of a file that was only cut is also found by its time."""
     try:
-        seeker = Seeker(path)
-    except DamageError:
+        bag = Bag(path)
+    except RecorderError:
         return
     instants = [(message.topic, message.receive_ns) for message in read]
     for name, at_ns in [*instants, *(("/talk", at_ns) for at_ns in (0, START_NS, 2**64))]:
-        nearest = seeker.nearest(name, at_ns, 2**64)
+        nearest = bag.nearest(name, at_ns, 2**64)
         assert not only_cut or (name, at_ns) not in instants or nearest in read
-    assert seeker.problem is None or seeker.problem.isprintable()
+    assert bag.problem is None or bag.problem.isprintable()
 
 
 def messages(folder: Path) -> list[RawMessage] | None:
@@ -254,31 +251,27 @@ TWO_GB = (2**31 - 1).to_bytes(4, "little")
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    "content",
     [
-        (framed(0x05, b"x", 2**31), "it is torn at byte"),
-        (framed(0x06, b"x", 2**31), "it is torn at byte"),
-        (framed(0x03, b"\x02\x00" + TWO_GB + b"name"), "the record at byte"),
-        (framed(0x03, b"\x02\x00" + bytes(8) + TWO_GB + b"text"), "the record at byte"),
-        (framed(0x04, b"\x02\x00\x01\x00" + TWO_GB + b"topic"), "the record at byte"),
-        (framed(0x0C, b"\x01\x00\x00\x00a" + TWO_GB + b"text"), "the record at byte"),
-        (framed(0x05, b"short"), "the record at byte"),
-        (encoded(Chunk("", b"x" * 10, 0, 0, 0, 2**31)), "a chunk claims 2147483648 bytes"),
-        (encoded(Chunk("", b"x" * 10, 0, 0, 0, 2**26)), "a chunk cannot be decompressed"),
-        (encoded(Chunk("zstd", zstandard.compress(ZEROS), 0, 0, 0, 1000)), "a chunk "),
-        (encoded(Chunk("lz4", lz4.frame.compress(ZEROS), 0, 0, 0, 1000)), "a chunk "),
-        (encoded(Chunk("zstd", zstandard.compress(b"x"), 0, 0, 0, 2**60)), "a chunk claims"),
-        *(
-            (encoded(Chunk("", records, 0, 0, 0, len(records))), "a chunk has a damaged record")
-            for records in (bytes(100), framed(0x05, b"short"), b"\x05\x00\x00")
-        ),
-        (encoded(Chunk("gzip" * 2**20, b"", 0, 0, 0, 1)), "a chunk is damaged"),
-        (framed(0x06, bytes(28) + TWO_GB + b"zstd"), "a chunk is damaged"),
-        (framed(0x06, bytes(32) + (2**40).to_bytes(8, "little") + b"x"), "a chunk is cut off"),
+        framed(0x05, b"x", 2**31),
+        framed(0x06, b"x", 2**31),
+        framed(0x03, b"\x02\x00" + TWO_GB + b"name"),
+        framed(0x03, b"\x02\x00" + bytes(8) + TWO_GB + b"text"),
+        framed(0x04, b"\x02\x00\x01\x00" + TWO_GB + b"topic"),
+        framed(0x0C, b"\x01\x00\x00\x00a" + TWO_GB + b"text"),
+        framed(0x05, b"short"),
+        encoded(Chunk("", b"x" * 10, 0, 0, 0, 2**31)),
+        encoded(Chunk("", b"x" * 10, 0, 0, 0, 2**26)),
+        encoded(Chunk("zstd", zstandard.compress(ZEROS), 0, 0, 0, 1000)),
+        encoded(Chunk("lz4", lz4.frame.compress(ZEROS), 0, 0, 0, 1000)),
+        encoded(Chunk("zstd", zstandard.compress(b"x"), 0, 0, 0, 2**60)),
+        encoded(Chunk("", bytes(100), 0, 0, 0, 100)),
+        encoded(Chunk("", framed(0x05, b"short"), 0, 0, 0, 14)),
+        framed(0x06, bytes(28) + TWO_GB + b"zstd"),
+        framed(0x06, bytes(32) + (2**40).to_bytes(8, "little") + b"x"),
     ],
-    ids=lambda value: value if isinstance(value, str) else "file",
 )
-def test_a_claim_is_no_reason_to_take_memory(tmp_path: Path, content: bytes, words: str) -> None:
+def test_a_claim_is_no_reason_to_take_memory(tmp_path: Path, content: bytes) -> None:
     folder = tmp_path / "bag"
     folder.mkdir()
     (folder / "bag_0.mcap").write_bytes(MCAP0_MAGIC + GOOD + content)
@@ -286,7 +279,7 @@ def test_a_claim_is_no_reason_to_take_memory(tmp_path: Path, content: bytes, wor
         assert len(list(Bag(folder).messages())) == 1
         recovered = recover(folder)
     assert recovered.messages == 1
-    assert recovered.cut[0].startswith(words)
+    assert recovered.cut[0].startswith(("a chunk ", "the record at ", "it is torn", "it ends"))
 
 
 def test_a_record_of_two_gigabytes_is_not_read_into_memory(tmp_path: Path) -> None:
@@ -297,20 +290,16 @@ def test_a_record_of_two_gigabytes_is_not_read_into_memory(tmp_path: Path) -> No
     with little_memory():
         recovered = recover(path)
     assert recovered.messages == 1
-    assert "claims 2147483648 bytes" in recovered.cut[0]
+    assert "has more than 134217728 bytes" in recovered.cut[0]
 
 
 SCHEMAS = [Schema(number, b"x" * 2**20, "ros2msg", "a/msg/B") for number in range(1, 20)]
 CHANNELS = [Channel(n, f"/talk{n}", "cdr", {}, 1) for n in range(1, 1100)]
-QOS = [{"offered_qos_profiles": f"# {n}" + "x" * 30_000} for n in range(1, 12)]
-TOPICS = [Channel(n, f"/t{n}", "cdr", told, 1) for n, told in enumerate(QOS, 1)]
 NOTES = [Channel(n, f"/t{n}", "cdr", {"note": "x" * 2**20}, 1) for n in range(17)]
 TOO_MUCH = "its types and records have more than 16777216 bytes"
 
 
 ENTRY = encoded(Metadata("m", {"a": "x" * 2**20}))
-REPEATED = encoded(*[MetadataIndex(len(MCAP0_MAGIC), len(ENTRY), "m")] * 10_000)
-FOOTER = encoded(Footer(len(MCAP0_MAGIC) + len(ENTRY), 0, 0))
 
 
 @pytest.mark.parametrize(
@@ -318,15 +307,10 @@ FOOTER = encoded(Footer(len(MCAP0_MAGIC) + len(ENTRY), 0, 0))
     [
         (encoded(*SCHEMAS), TOO_MUCH, 0),
         (encoded(SCHEMA, *CHANNELS), "it has more than 1000 channels", 0),
-        (
-            encoded(SCHEMA, *TOPICS, Message(11, 5, b"data", 4, 0)),
-            *("its topics have more than 262144 bytes of QoS", 0),
-        ),
         (ENTRY * 17, TOO_MUCH, 1),
         (encoded(SCHEMA, *NOTES), TOO_MUCH, 0),
-        (ENTRY + REPEATED + FOOTER + MCAP0_MAGIC, TOO_MUCH, 1),
     ],
-    ids=["schemas", "channels", "QoS", "metadata", "notes", "an index that repeats itself"],
+    ids=["schemas", "channels", "metadata", "notes"],
 )
 def test_absurd_counts_end_the_reading_in_words(
     tmp_path: Path, content: bytes, words: str, kept: int

@@ -2,36 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import random
 import shutil
 import time
 from collections.abc import Callable, Sequence
-from io import BytesIO
 from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from unittest.mock import Mock
 
-import lz4.frame  # type: ignore[import-untyped]
 import pytest
 import yaml
-import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.reader import SeekingReader
 from mcap.records import (
     Channel,
     Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    McapRecord,
     Message,
     Schema,
-    Statistics,
 )
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
@@ -39,10 +28,9 @@ from msgspec.structs import replace
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from recorder import reader
+from recorder import RecorderError
 from recorder.bag import (
     BAG_INFORMATION,
-    BagInformation,
     Durability,
     Qos,
     RawMessage,
@@ -51,20 +39,14 @@ from recorder.bag import (
     parse_qos,
     qos_text,
 )
-from recorder.errors import RecorderError
-from recorder.mcap_reader import read_chunk
-from recorder.reader import Bag, Seeker
+from recorder.reader import Bag
 from recorder.writer import BagWriter
 from tests.recorder.samples import (
     BEST_EFFORT,
     LATCHED,
     START_NS,
     by_library,
-    by_mcap,
-    door_messages,
-    door_topics,
     encoded,
-    little_memory,
     record_starts,
     strings,
     talk,
@@ -168,7 +150,7 @@ def chunk_starts(file: Path) -> list[int]:
     with file.open("rb") as stream:
         records = list(StreamReader(stream, emit_chunks=True).records)
     chunks = [r.message_start_time for r in records if isinstance(r, Chunk) and r.message_end_time]
-    return chunks or [r.log_time for r in records if isinstance(r, Message)][:1]
+    return chunks or [r.log_time for r in records if isinstance(r, Message)]
 
 
 def placed(
@@ -193,22 +175,16 @@ def placed(
     return listed
 
 
-def check_nearest(
-    part: Path, messages: Sequence[RawMessage], instants: Sequence[tuple[int, int]]
-) -> None:
-    """Single messages are those nearest to an instant, by looking at all of them."""
-    seeker = Seeker(part)
-    assert {entry.name for entry in seeker.topics} >= {message.topic for message in messages}
-    for at_ns, within_ns in [*instants, *((m.receive_ns, 0) for m in messages)]:
-        for name in ("/a", "/b", "/talk"):
-            nearest = seeker.nearest(name, at_ns, within_ns)
-            distances = [abs(m.receive_ns - at_ns) for m in messages if m.topic == name]
-            distance = min(distances, default=2**63)
-            assert (nearest is None) is (distance > within_ns)
-            if nearest is not None:
-                assert replace(nearest, sequence=0) in messages
-                assert abs(nearest.receive_ns - at_ns) == distance
-    assert seeker.problem is None
+def check_nearest(bag: Bag, messages: Sequence[RawMessage], at_ns: int, within_ns: int) -> None:
+    """The nearest message is the one that looking at all of them finds."""
+    for name in ("/a", "/b", "/talk"):
+        nearest = bag.nearest(name, at_ns, within_ns)
+        distances = [abs(m.receive_ns - at_ns) for m in messages if m.topic == name]
+        distance = min(distances, default=2**63)
+        assert (nearest is None) is (distance > within_ns)
+        if nearest is not None:
+            assert replace(nearest, sequence=0) in messages
+            assert abs(nearest.receive_ns - at_ns) == distance
 
 
 @settings(max_examples=60, deadline=None)
@@ -238,8 +214,8 @@ def test_a_recording_is_read_in_the_order_of_its_times(
     with TemporaryDirectory() as parent:
         folder = Path(parent) / "bag"
         listed = placed(folder, writer, files, order)
-        for part, messages in listed if writer != "without chunks" else ():
-            check_nearest(part, messages, instants)
+        for at_ns, within_ns in instants:
+            check_nearest(Bag(folder), [m for part in files for m in part], at_ns, within_ns)
         listed.sort(key=lambda file: min(chunk_starts(file[0]), default=0))
         expected = [message for _, messages in listed for message in messages]
         starts = [start for part, _ in listed for start in chunk_starts(part)]
@@ -293,19 +269,6 @@ def test_a_flipped_bit_never_passes_for_a_message_and_is_never_silent(
         assert messages == MESSAGES or not bag.complete, (position, bit)
 
 
-def test_a_damaged_index_without_a_checksum_hides_no_message(place: Path) -> None:
-    content = by_library(
-        MESSAGES, chunk_size=300, compression=CompressionType.NONE, enable_crcs=False
-    )
-    place.write_bytes(content)
-    for start in chunk_starts(place):
-        before, _, after = content.rpartition(start.to_bytes(8, "little"))
-        place.write_bytes(before + (2**62).to_bytes(8, "little") + after)
-        nearest = Seeker(place).nearest("/talk", start, 0)
-        assert nearest in MESSAGES
-        assert list(Bag(place).messages()) == MESSAGES
-
-
 def test_zeros_left_by_a_power_cut_are_passed_over_at_once(finished: bytes, place: Path) -> None:
     end = finished.index(b"note 50")
     start = time.process_time()  # whatever else the machine does
@@ -320,7 +283,6 @@ def test_a_message_without_a_channel_ends_the_reading(place: Path, finished: byt
     records = encoded(
         Schema(1, b"string data\n", "ros2msg", "std_msgs/msg/String"),
         Channel(1, "/talk", "cdr", {}, 1),
-        Channel(2, "/typeless", "cdr", {}, 7),
         Message(1, 5, b"data", 4, 0),
         Message(3, 6, b"data", 4, 0),
     )
@@ -337,18 +299,6 @@ def test_bags_compressed_by_rosbag2_itself_are_refused(
     of_rosbags(tmp_path / "bag", [], mode)
     with pytest.raises(RecorderError, match=r"is compressed by .*; unpack it by `ros2"):
         Bag(tmp_path / "bag")
-
-
-def test_what_lies_outside_of_chunks_in_disorder_is_read_at_its_time(tmp_path: Path) -> None:
-    messages = by_library(MESSAGES[40:] + MESSAGES[:20], chunk_size=300, use_statistics=False)
-    head, end = (
-        messages[: messages.index(encoded(DataEnd(0)))],
-        encoded(DataEnd(0), Footer(0, 0, 0)),
-    )
-    loose = encoded(*(Message(1, m.receive_ns, m.data, m.publish_ns, 0) for m in MESSAGES[20:40]))
-    bag = opened(tmp_path / "any.mcap", head + loose + end + MCAP0_MAGIC)
-    assert list(bag.messages()) == MESSAGES
-    assert bag.complete
 
 
 def test_damage_in_a_bag_out_of_order_costs_one_chunk_and_is_told(tmp_path: Path) -> None:
@@ -411,48 +361,6 @@ def test_qos_and_type_hash_of_other_recordings_are_kept(tmp_path: Path) -> None:
     assert topic == Topic("/old", talk().type, "", "RIHS01_ab", qos)
 
 
-def _with_chunks(path: Path, chunks: list[Chunk]) -> None:
-    """A finished file of these chunks, whatever is in them; its index has them all."""
-    content, indexes = MCAP0_MAGIC, list[McapRecord]()
-    for chunk in chunks:
-        end, size = chunk.message_end_time, chunk.uncompressed_size
-        indexes.append(ChunkIndex(0, len(content), chunk.compression, 0, end, 0, {1: 0}, 0, size))
-        content += encoded(chunk)
-    schema = Schema(1, b"string data", "ros2msg", talk().type)
-    channel = Channel(1, "/talk", "cdr", {}, 1)
-    told = Statistics(0, 1, {1: 1}, len(chunks), 1, 2**62, 0, 0, 1)
-    end_of_file = encoded(schema, channel, *indexes, told, Footer(len(content), 0, 0))
-    path.write_bytes(content + end_of_file + MCAP0_MAGIC)
-
-
-@pytest.mark.parametrize("claim", [0, 2**20, 2**62])
-@pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_no_chunk_takes_more_memory_than_it_claims_and_may(
-    tmp_path: Path, compression: str, claim: int
-) -> None:
-    zeros = bytes(300_000_000)
-    data = zstandard.compress(zeros) if compression == "zstd" else lz4.frame.compress(zeros)
-    _with_chunks(tmp_path / "a.mcap", [Chunk(compression, data, 2**62, 0, 0, claim)])
-    seeker = Seeker(tmp_path / "a.mcap")
-    with little_memory(20_000_000):
-        assert seeker.nearest("/talk", START_NS, 2**62) is None
-    assert "a chunk " in (seeker.problem or "")
-
-
-def test_however_many_chunks_claim_an_instant_few_are_unpacked_for_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    records = encoded(*[Message(1, 5, bytes(2**20), 5, 0)] * 63)
-    bomb = Chunk("zstd", zstandard.compress(records), 2**62, 0, 0, len(records))
-    _with_chunks(tmp_path / "a.mcap", [bomb] * 50)
-    seeker, looked_at = Seeker(tmp_path / "a.mcap"), Mock(side_effect=read_chunk)
-    monkeypatch.setattr(reader, "read_chunk", looked_at)
-    found = seeker.nearest("/talk", 10, 100)
-    assert found is not None
-    assert found.receive_ns == 5
-    assert 0 < looked_at.call_count < 6
-
-
 def test_to_find_one_message_a_small_part_of_the_file_is_read(place: Path) -> None:
     messages = strings(["x" * 20_000] * 500)
     place.write_bytes(by_library(messages, chunk_size=100_000, compression=CompressionType.NONE))
@@ -461,99 +369,8 @@ def test_to_find_one_message_a_small_part_of_the_file_is_read(place: Path) -> No
         return int(Path("/proc/self/io").read_text().split()[1])
 
     before = read()
-    assert Seeker(place).nearest("/talk", messages[250].receive_ns, 0) == messages[250]
+    assert Bag(place).nearest("/talk", messages[250].receive_ns, 0) == messages[250]
     assert read() - before < place.stat().st_size / 20
-
-
-NEVER = {"sec": 9223372036, "nsec": 854775807}
-PLAIN_QOS = {
-    "history": "unknown",
-    "depth": 0,
-    "reliability": "best_effort",
-    "durability": "volatile",
-    "deadline": NEVER,
-    "lifespan": NEVER,
-    "liveliness": "automatic",
-    "liveliness_lease_duration": NEVER,
-    "avoid_ros_namespace_conventions": False,
-}
-
-
-def test_metadata_yaml_has_every_key_of_version_9_and_the_file_says_the_same(
-    tmp_path: Path,
-) -> None:
-    messages, file = door_messages(rounds=10), tmp_path / "run" / "run_0.mcap"
-    with BagWriter(tmp_path / "run", door_topics(), {"madrob_run": {"setup": "{}"}}) as writer:
-        writer.put_all(messages)
-    text = (tmp_path / "run" / "metadata.yaml").read_text()
-    summary, read = by_mcap(BytesIO(file.read_bytes()))
-    times = [message.receive_ns for message in messages]
-    span = {
-        "duration": {"nanoseconds": max(times) - min(times)},
-        "starting_time": {"nanoseconds_since_epoch": min(times)},
-        "message_count": 60,
-    }
-    information = {
-        "version": 9,
-        "storage_identifier": "mcap",
-        **span,
-        "compression_format": "",
-        "compression_mode": "",
-        "relative_file_paths": ["run_0.mcap"],
-        "files": [{"path": "run_0.mcap", **span}],
-        "custom_data": None,
-        "ros_distro": "jazzy",
-    }
-    topics: list[dict[str, Any]] = [
-        {
-            "topic_metadata": {
-                "name": channel.topic,
-                "type": summary.schemas[channel.schema_id].name,
-                "serialization_format": channel.message_encoding,
-                "offered_qos_profiles": yaml.safe_load(channel.metadata["offered_qos_profiles"]),
-                "type_description_hash": channel.metadata["topic_type_hash"],
-            },
-            "message_count": 10,
-        }
-        for channel in summary.channels.values()
-    ]
-    told = {**information, "topics_with_message_count": topics}
-    assert yaml.safe_load(text) == {"rosbag2_bagfile_information": told}
-    assert not {"&", "*"} & set(text)  # no anchors
-    assert [(one["topic_metadata"]["name"], one["topic_metadata"]["type"]) for one in topics] == [
-        (known.name, known.type) for known in door_topics()
-    ]
-    assert topics[0]["topic_metadata"]["offered_qos_profiles"] == [PLAIN_QOS]
-    assert topics[0]["topic_metadata"]["type_description_hash"] == door_topics()[0].type_hash
-    counts = summary.statistics
-    assert counts is not None
-    assert (counts.message_count, counts.channel_count, counts.metadata_count) == (60, 6, 2)
-    assert len(read) == 60
-    assert {index.compression for index in summary.chunk_indexes} == {"zstd"}
-    assert all(index.message_index_offsets for index in summary.chunk_indexes)
-    header = SeekingReader(BytesIO(file.read_bytes())).get_header()
-    assert (header.profile, header.library.split("/")[0][:15]) == ("ros2", "madrob recorder")
-    records = Bag(tmp_path / "run").records
-    assert set(records) == {"madrob_run", "rosbag2"}
-    repeated = yaml.safe_load(records["rosbag2"]["serialized_metadata"])
-    assert repeated.items() >= information.items()
-
-
-def test_a_folder_whose_name_is_no_text_can_be_recorded_to(tmp_path: Path) -> None:
-    folder = tmp_path / os.fsdecode(b"run \xff")
-    with BagWriter(folder, door_topics(), {}) as writer:
-        assert all(writer.put_message(message) for message in door_messages(rounds=1))
-    assert writer.close().error is None
-    assert len(list(Bag(folder).messages())) == 6
-
-
-def test_an_empty_bag_starts_at_the_end_of_time() -> None:
-    text = BagInformation("a_0.mcap", door_topics(), {}, None, None).metadata_yaml()
-    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
-    assert information["starting_time"] == {"nanoseconds_since_epoch": 2**63 - 1}
-    assert information["duration"] == {"nanoseconds": 0}
-    assert information["message_count"] == 0
-    assert len(information["topics_with_message_count"]) == 6
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import random
 import resource
 import shutil
 import tempfile
-import threading
 import time
 from bisect import bisect_right
 from collections import Counter
@@ -17,7 +15,6 @@ from dataclasses import replace
 from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
-from unittest.mock import Mock
 
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
@@ -27,8 +24,8 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
 from msgspec.structs import replace as replaced
 
+from recorder import RecorderError
 from recorder.bag import BagInformation, RawMessage, Topic
-from recorder.errors import RecorderError
 from recorder.reader import Bag
 from recorder.recovery import Recovered, recover
 from recorder.writer import BagWriter
@@ -45,7 +42,6 @@ from tests.recorder.samples import (
     in_order,
     killed_after,
     limited,
-    mixed,
     raw_by_mcap,
     strings,
     talk,
@@ -168,19 +164,6 @@ def test_a_cut_anywhere_costs_only_what_is_behind_it(bag: TornBag, folder: Path)
         bag.check_cut(folder, cut)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("part", range(4))
-def test_every_cut_costs_only_what_is_behind_it(
-    bag: TornBag, folder: Path, part: int, request: pytest.FixtureRequest
-) -> None:
-    """With `--runs 1000` every byte of the last two chunks, and 1,000 anywhere in the file."""
-    runs = request.config.getoption("--runs")
-    cuts = list(range(bag.starts[-2], bag.chunks[-1].stop))[:: max(1, 1000 // runs)]
-    cuts += random.Random(2).choices(range(8, len(bag.data)), k=runs)
-    kept = [bag.check_cut(folder, cut) for cut in cuts[part::4]]
-    print(f"{len(kept)} cuts, {sum(kept)} messages kept, {len(set(kept))} different counts")
-
-
 def test_a_cut_within_the_first_eight_bytes_leaves_nothing_to_keep(
     bag: TornBag, folder: Path
 ) -> None:
@@ -218,7 +201,6 @@ def test_a_torn_bag_becomes_a_bag_that_says_what_it_lost(bag: TornBag, folder: P
 @pytest.mark.parametrize(
     "content",
     [
-        mixed(MESSAGES[:100]),
         *(
             by_library(MESSAGES[:100], **options)
             for options in (
@@ -279,37 +261,6 @@ def test_a_whole_recording_gets_the_metadata_yaml_it_lacks(
         assert contents(folder)["metadata.yaml.torn"] == before["metadata.yaml"]
 
 
-def other(word: bytes, than: bytes) -> bytes:
-    """A recording without checksums whose summary has another word."""
-    data = by_library(MESSAGES, compression=CompressionType.NONE, enable_crcs=False)
-    before, _, after = data.rpartition(than)
-    return before + word + after
-
-
-WHOLE = by_library(MESSAGES)
-
-
-@pytest.mark.parametrize(
-    ("data", "words"),
-    [
-        (other(b"bdr", than=b"cdr"), "its summary tells of other topics"),
-        (other(b"/walk", than=b"/talk"), "its summary tells of other topics"),
-        # a bit of the last record before the footer
-        (
-            WHOLE[:-50] + bytes([WHOLE[-50] ^ 1]) + WHOLE[-49:],
-            "the checksum of its summary is wrong",
-        ),
-    ],
-    ids=["other encoding", "other name", "another bit"],
-)
-def test_a_damaged_summary_is_made_anew(tmp_path: Path, data: bytes, words: str) -> None:
-    path = tmp_path / "damaged.mcap"
-    path.write_bytes(data)
-    assert recover(path).cut == (words,)
-    read = Bag(path)
-    assert (list(read.messages()), read.complete, read.topics()) == (MESSAGES, True, (talk(),))
-
-
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4])
 def test_the_cut_chunk_is_kept_up_to_the_cut_or_the_last_whole_block(
     tmp_path: Path, compression: CompressionType
@@ -332,22 +283,6 @@ def test_the_cut_chunk_is_kept_up_to_the_cut_or_the_last_whole_block(
         torn.write_bytes(data[: start + cut])
         kept = MESSAGES[: sum(end <= min(size, whole) for end in ends[1:])]
         assert (recover(torn).messages, raw_by_mcap(torn)) == (len(kept), kept), cut
-
-
-@pytest.mark.parametrize("zeros", [0, 100_000])
-def test_a_cut_chunk_that_cannot_be_compressed_is_kept_up_to_the_cut(
-    tmp_path: Path, zeros: int
-) -> None:
-    with BagWriter(tmp_path / "bag", [TOPIC], RUN_RECORD, flush_period=1e6) as writer:
-        for number in range(50):
-            writer.put_message(blob(number, 10_000))
-    recording = tmp_path / "bag" / "bag_0.mcap"
-    (index,) = by_mcap(BytesIO(recording.read_bytes()))[0].chunk_indexes
-    assert not index.compression
-    end = index.chunk_start_offset + index.chunk_length if zeros else 300_000
-    cut = min(300_000, end - zeros)
-    recording.write_bytes(recording.read_bytes()[:cut] + bytes(end - cut))
-    assert recover(tmp_path / "bag").messages == 29  # of 10,035 bytes each
 
 
 @pytest.mark.parametrize("length", [600, 4500])
@@ -402,13 +337,9 @@ def test_a_file_among_others_is_repaired_without_a_metadata_yaml(
     assert names(folder) == ["bag_0.mcap", "bag_0.mcap.torn", "other.mcap"]
 
 
-@pytest.mark.parametrize("links", [True, False])
 def test_a_kill_at_any_moment_loses_nothing(
-    folder: Path, links: bool, monkeypatch: pytest.MonkeyPatch
+    folder: Path,
 ) -> None:
-    if not links:
-        refuse = Mock(side_effect=OSError(errno.EPERM, os.strerror(errno.EPERM)))
-        monkeypatch.setattr(os, "link", refuse)
     with BagWriter(folder, [talk()], RUN_RECORD, flush_period=1e6) as writer:
         for message in MESSAGES[:20]:
             writer.put_message(message)
@@ -427,8 +358,7 @@ def test_a_kill_at_any_moment_loses_nothing(
         else:
             break
         assert any(content == torn for _, content in contents(folder).values())
-        if links:
-            assert list(Bag(folder).messages()) == MESSAGES[:20]
+        assert list(Bag(folder).messages()) == MESSAGES[:20]
         assert recover(folder).messages == 20
         assert names(folder) == ["bag_0.mcap", "bag_0.mcap.torn", "metadata.yaml"]
         assert (folder / "bag_0.mcap.torn").read_bytes() == torn
@@ -444,7 +374,7 @@ def test_a_full_disk_changes_nothing_and_says_so(bag: TornBag, folder: Path) -> 
         with limited(resource.RLIMIT_FSIZE, limit):
             assert refusal(folder) == (
                 f"cannot repair {folder}: File too large; nothing is lost, "
-                "copy it to a disk that takes large files"
+                "check the path, and whether its disk has room and can be written"
             )
         assert contents(folder) == before
 
@@ -464,7 +394,7 @@ def test_a_folder_that_may_not_be_written_is_told_with_the_remedy(bag: TornBag) 
             os.seteuid(os.getuid())
         assert text == (
             f"cannot repair {folder}: Permission denied; nothing is lost, "
-            "copy it to a folder that can be read and written"
+            "check the path, and whether its disk has room and can be written"
         )
         assert contents(folder) == before
         folder.chmod(0o755)
@@ -494,39 +424,6 @@ def test_a_file_that_grows_meanwhile_is_refused(
     assert "bag_0.mcap.recovering" not in names(folder)
 
 
-def test_what_a_dead_writer_left_of_the_metadata_goes_and_a_live_one_s_stays(folder: Path) -> None:
-    with BagWriter(folder, [talk()], RUN_RECORD) as writer:
-        writer.put_all(MESSAGES)
-    live = folder / f"metadata.yaml.{threading.get_native_id()}.part"
-    (folder / "metadata.yaml.999999999.part").touch()
-    for part in (live, folder / "metadata.yaml.part", folder / "note.txt"):
-        part.touch()
-    assert not recover(folder).changed
-    assert {path.name for path in folder.iterdir()} == {
-        *("bag_0.mcap", "metadata.yaml", live.name, "metadata.yaml.part", "note.txt")
-    }
-
-
-def test_a_repair_that_reads_back_something_else_changes_nothing(
-    bag: TornBag, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bag.placed(folder, bag.middle)
-    before, real = contents(folder), os.write
-
-    def write(fd: int, data: bytes) -> int:
-        """The last of a summary becomes another byte on its way to the disk."""
-        content = bytearray(data)
-        if bytes(data).endswith(b"\x89MCAP0\r\n") and len(data) > 100:
-            content[-50] ^= 1
-        return real(fd, content)
-
-    with monkeypatch.context() as bad:
-        bad.setattr(os, "write", write)
-        assert "what was written is not what is read back" in refusal(folder)
-    assert contents(folder) == before
-    assert recover(folder).messages == bag.whole[bag.middle]
-
-
 def test_no_link_is_followed_out_of_the_folder(bag: TornBag, folder: Path) -> None:
     recording = bag.placed(folder, bag.middle)
     outside = folder.parent / "outside"
@@ -536,7 +433,7 @@ def test_no_link_is_followed_out_of_the_folder(bag: TornBag, folder: Path) -> No
     assert recover(folder).torn == folder / "bag_0.mcap.torn.2"
     recording.rename(folder.parent / "far.mcap")
     recording.symlink_to(folder.parent / "far.mcap")
-    assert "give the path of the file itself and not of a link" in refusal(folder)
+    assert "Too many levels of symbolic links" in refusal(folder)
     assert outside.read_bytes() == b"precious"
 
 
@@ -608,7 +505,7 @@ def holding(path: Path, make: Make, name: str) -> None:
         (
             "loop.mcap",
             lambda path: path.symlink_to("loop.mcap"),
-            "give the path of the file itself and not of a link",
+            "Too many levels of symbolic links",
             recover,
         ),
     ],

@@ -16,9 +16,8 @@ from madrob_console.engine.runtime.evidence_order import RecordInto
 from madrob_console.referee.evidence_account import EvidenceLoss
 from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
 from madrob_console.testbeds.ros.evidence_intake import TakenEvidence
-from recorder.bag_folder import FurtherFile
-from recorder.recorder_stats import RecorderState, RecorderStats
-from recorder.writer import BagWriter
+from recorder.evidence import FurtherFile
+from recorder.writer import BagWriter, RecorderState, RecorderStats
 
 QUEUE_BYTES = 96_000_000
 """Memory of what waits for the disk, of all files: some seconds of four cameras."""
@@ -60,7 +59,7 @@ class EvidenceFile:
             (),
             {},
             flush_period=SYNC_PERIOD,
-            queue_bytes=queue_bytes,
+            memory_bytes=queue_bytes,
         )
         self._writer.start(WRITER_NICE)
 
@@ -112,12 +111,12 @@ class EvidenceFile:
         unsynced = stats.seconds_since_sync
         if unsynced is None:
             unsynced = now - self._began
-        unwritten = sum(stats.received.values()) - sum(stats.dropped.values()) - stats.written
+        unwritten = sum((Counter(stats.received) - Counter(stats.lost) - Counter(stats.recorded)).values())
         return replace(
             state,
             topics=tuple(self._counted(topic, stats) for topic in state.topics),
             problem=problem or (slow if finishing and ending > SLOW_END else None),
-            stuck=stuck_words(unsynced, stats.queued_bytes) if recording and not problem else "",
+            stuck=stuck_words(unsynced, stats.memory_bytes) if recording and not problem else "",
             number=self._number,
             recording=recording,
             finishing=finishing,
@@ -127,7 +126,7 @@ class EvidenceFile:
         )
 
     def _counted(self, topic: EvidenceTopic, stats: RecorderStats) -> EvidenceTopic:
-        name, dropped = topic.topic, stats.dropped.get(topic.topic, 0)
+        name, dropped = topic.topic, stats.lost.get(topic.topic, 0)
         received = stats.received.get(name, 0)
         lost = {
             EvidenceLoss.BEHIND: self._behind[name],

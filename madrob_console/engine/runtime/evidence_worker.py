@@ -134,7 +134,7 @@ class EvidenceServer:
         if self._intakes is None:
             return
         self._files = [file for file in self._files if not file.finished]
-        room = QUEUE_BYTES - sum(file.stats.queued_bytes for file in self._files)
+        room = QUEUE_BYTES - sum(file.stats.memory_bytes for file in self._files)
         self._take_messages()  # drop messages from before the recording
         self._recording = EvidenceFile(order, max(room, LEAST_QUEUE_BYTES), held=held)
         self._files.append(self._recording)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -12,10 +13,9 @@ from madrob_console.common.plain_files import OpenFolder
 from madrob_console.engine.runtime.journal_writer import OpenJournal
 from madrob_console.engine.snapshot import RecorderView
 from madrob_console.referee.journal import Entry
+from recorder import RecorderError
 from recorder.bag import RawMessage, Topic
-from recorder.errors import RecorderError
-from recorder.recorder_stats import DropReason, RecorderState
-from recorder.writer import BagWriter
+from recorder.writer import BagWriter, RecorderState
 
 
 class Recording:
@@ -47,7 +47,8 @@ class Recording:
         self.record = record
         self.entries = entries
         self.folder = reserve_run_folder(root, name, start, practice=setup.practice)
-        self._topics = {topic.name for topic in topics}
+        self._types = {topic.name: topic.type for topic in topics}
+        self._of_other_type: Counter[str] = Counter()
         self._scored = {mapping.topic for mapping in record.mappings}
         self._writer = BagWriter(
             self.folder, topics, {RECORD_NAME: record.to_metadata()}, block_when_full=lossless
@@ -70,15 +71,21 @@ class Recording:
 
     def add_topics(self, topics: Sequence[Topic]) -> None:
         for topic in topics:
-            if topic.name not in self._topics:
-                self._topics.add(topic.name)
+            if topic.name not in self._types:
+                self._types[topic.name] = topic.type
                 self._writer.add_topic(topic)
 
     def record_messages(self, messages: Iterable[RawMessage]) -> None:
-        self._writer.put_all(messages)
+        fitting = []
+        for message in messages:
+            if self._types.get(message.topic, message.type) == message.type:
+                fitting.append(message)
+            else:  # its readings are not scored either
+                self._of_other_type[message.topic] += 1
+        self._writer.put_all(fitting)
 
     def dropped(self) -> dict[str, int]:
-        return dict(self._writer.stats().dropped)
+        return dict(Counter(self._writer.stats().lost) + self._of_other_type)
 
     @property
     def silent(self) -> float:
@@ -91,27 +98,26 @@ class Recording:
         stats = self._writer.stats()
         return RecorderView(
             state=stats.state.value,
-            messages=stats.written,
+            messages=sum(stats.recorded.values()),
             size=stats.file_bytes,
-            dropped=sum(stats.dropped.values()),
+            dropped=sum(self.dropped().values()),
             problem=stats.error,
         )
 
     def remarks(self) -> tuple[str, ...]:
         stats = self._writer.stats()
         failed = [] if stats.error is None else [stats.error.replace(str(self.folder), "the bag")]
-        missing = sorted(stats.dropped.items())
+        missing = sorted(self.dropped().items())
         return (
             *failed,
-            *(f"{topic}: {n} messages are not in the recording" for topic, n in missing if n),
+            *(f"{topic}: {n} messages are not in the recording" for topic, n in missing),
         )
 
     @property
     def unrecorded(self) -> int:
-        """Messages that were scored and are not in the recording; those of another type are not."""
-        stats = self._writer.stats()
-        missing = sum(n for topic, n in stats.dropped.items() if topic in self._scored)
-        return max(0, missing - stats.drop_reasons.get(DropReason.OTHER_TYPE, 0))
+        """Messages that were scored and are not in the recording."""
+        lost = self._writer.stats().lost
+        return sum(n for topic, n in lost.items() if topic in self._scored)
 
     def close(self) -> None:
         """Write what is queued and finish the bag; waits for the disk as long as it takes.

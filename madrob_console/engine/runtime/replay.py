@@ -38,7 +38,7 @@ from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.recorded_bag import RecordedBag
-from recorder.errors import RecorderError
+from recorder import RecorderError
 from scoring.assessment import Assessment
 from scoring.result import Result
 

@@ -32,7 +32,6 @@ from madrob_console.engine.ipc.engine_interface import fail
 from madrob_console.engine.ipc.wire import LENGTH, Reply, decoded, frame
 from madrob_console.engine.requests import NO_ANSWER
 from madrob_console.engine.runtime.worker_questions import question_parts
-from recorder.errors import remedy
 
 T = TypeVar("T")
 
@@ -402,8 +401,7 @@ class Worker:
             child = Child(self._command)
         except (OSError, MemoryError, subprocess.SubprocessError) as error:
             words = getattr(error, "strerror", None) or repr(error)
-            hint = f"; {what}" if (what := remedy(error)) else ""
-            self._note_loss(f"no process can be started ({words}){hint}")
+            self._note_loss(f"no process can be started ({words})")
             return
         self._left.clear()
         self._child = child

@@ -504,7 +504,7 @@ def test_nothing_is_written_while_the_score_needs_the_disk_and_all_of_it_then(
         run.take(*range(20))
         until(lambda: run.state.stuck)  # who looks sees that nothing is taken
         assert (run.file.stats.file_bytes, run.state.unwritten) == (before, 20)
-        assert run.file.stats.queued_bytes > 2 * MB
+        assert run.file.stats.memory_bytes > 2 * MB
         run.file.end()
         assert not run.state.recording
         assert run.state.stuck == ""  # it is waited for
@@ -522,7 +522,7 @@ def test_memory_is_bounded_and_what_finds_no_room_is_counted(folder: Path) -> No
         ):  # what is being written goes on for a while
             run.take(*range(100))
             came += 100
-            assert run.file.stats.queued_bytes <= 3 * MB
+            assert run.file.stats.memory_bytes <= 3 * MB
         assert run.topic.messages + run.topic.lost[EvidenceLoss.BEHIND] == came
     assert list(run.topic.lost) == [EvidenceLoss.BEHIND]
     assert run.topic.messages > 20
@@ -541,7 +541,7 @@ def test_evidence_that_fills_the_disk_stops_before_the_room_of_the_score(
     monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=max(0, free())))
     with written(folder, free=keeps) as run:
         while not run.failed:
-            if run.file.stats.queued_bytes < MB:
+            if run.file.stats.memory_bytes < MB:
                 run.take(*range(max(1, MB // (10 * size))), size=size)
     assert run.failed.startswith("no more evidence is recorded: ")
     assert "MB free, the score keeps 5.0 MB for itself; make room" in run.failed

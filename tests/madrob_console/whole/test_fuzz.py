@@ -28,7 +28,7 @@ from madrob_console.engine.snapshot import RightToAct
 from madrob_console.referee.acts import Abort, SetUp, Waive, act_named
 from madrob_console.referee.records import CheckName
 from madrob_console.testbeds.simulated import Scenario
-from recorder.errors import RecorderError
+from recorder import RecorderError
 from scoring.protocol import ScoringError
 from tests.madrob_console.engine.drive import Drive, make_setup
 

@@ -35,10 +35,10 @@ from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated import Scenario
+from recorder import RecorderError
 from recorder.bag import RawMessage
-from recorder.errors import RecorderError
-from recorder.mcap_file import McapFile
 from recorder.reader import Bag
+from recorder.writer import BagFile
 from scoring.protocol import EventName, Outcome
 from scoring.quality import Quality
 from scoring.result import Result
@@ -76,7 +76,7 @@ class Fault:
     bag_is_whole: bool = False
 
 
-STAYS, LOST = "; what was written stays readable", "the file was deleted; what was written is lost"
+STAYS, LOST = "; what comes waits in memory", "the file was deleted; what was written is lost"
 FAULTS = {
     "disk full": Fault(
         f"No space left on device{STAYS}",
@@ -175,13 +175,13 @@ def undisturbed(stop: Stop) -> Result:
 def on_a_disk(fault: Fault, stop: Stop, folder: Path) -> Iterator[tuple[SmallDisk, Recorded]]:
     with fault.disk(folder) as disk, pytest.MonkeyPatch.context() as patch:
         drive = Recorded(disk.folder / "results", stop)
-        sync = McapFile.sync
+        sync = BagFile.sync
 
-        def counted(file: McapFile) -> None:
+        def counted(file: BagFile) -> None:
             sync(file)
             drive.syncs += 1
 
-        patch.setattr(McapFile, "sync", counted)
+        patch.setattr(BagFile, "sync", counted)
         yield disk, drive
         drive.engine.close()
 

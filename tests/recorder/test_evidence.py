@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import threading
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -15,13 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from recorder import listing
-from recorder.bag import RawMessage, bag_file_name, evidence_file_name
-from recorder.listing import put_listing
-from recorder.mcap_file import McapFile
+from recorder import RecorderError, evidence
+from recorder.bag import RawMessage, Topic, bag_file_name, evidence_file_name
+from recorder.evidence import FurtherFile, put_listing
 from recorder.reader import Bag
 from recorder.recovery import recover
-from recorder.writer import BagWriter
+from recorder.writer import BagFile, BagWriter, RecorderState
 from tests.recorder.samples import (
     Killed,
     add_evidence,
@@ -34,6 +34,7 @@ from tests.recorder.samples import (
     strings,
     talk,
 )
+from tests.watching import until
 
 SCORED = door_messages(rounds=10)
 CAMERA = [
@@ -49,9 +50,9 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-def list_again(folder: Path) -> bool:
+def list_again(folder: Path) -> None:
     with opened(folder) as fd:
-        return put_listing(fd) is not None
+        put_listing(fd)
 
 
 def told(folder: Path) -> dict[str, Any]:
@@ -63,7 +64,7 @@ def told(folder: Path) -> dict[str, Any]:
 def test_what_is_scored_comes_first_then_the_evidence_by_its_numbers(folder: Path) -> None:
     for number in (10, 9, 0):
         add_evidence(folder, strings([str(number)], "/camera"), number)
-    assert list_again(folder)
+    list_again(folder)
     texts = [str(number) for number in (0, 9, 10)]
     expected = [strings([text], "/camera")[0] for text in texts]
     assert list(Bag(folder, evidence=True).messages()) == expected
@@ -81,7 +82,7 @@ def test_evidence_is_read_apart_from_what_is_scored(folder: Path) -> None:
         bag = Bag(folder)
         assert (list(bag.messages()), bag.complete) == (SCORED, True)
         assert list(Bag(folder, evidence=True).messages()) == CAMERA
-        assert list_again(folder)
+        list_again(folder)
     assert list(Bag(file).messages()) == CAMERA
     (folder / "metadata.yaml").unlink()
     assert list(Bag(folder).messages()) == SCORED
@@ -104,7 +105,7 @@ def test_whatever_evidence_holds_the_listing_is_what_is_read(
         sent = [replace(CAMERA[0], topic=f"/{name}", receive_ns=time) for name, time in content]
         add_evidence(folder, sent, number)
         expected += sent
-    assert list_again(folder)
+    list_again(folder)
     times = [message.receive_ns for message in expected]
     information = told(folder)
     listed = {
@@ -145,7 +146,7 @@ def test_what_is_no_whole_evidence_is_left_out(
 ) -> None:
     add_evidence(folder, CAMERA, 0)
     place(folder / name)
-    assert list_again(folder)
+    list_again(folder)
     files = [bag_file_name("run"), evidence_file_name("run", 0)]
     assert told(folder)["relative_file_paths"] == files
     assert by_rosbags(folder) == in_order(SCORED, CAMERA)
@@ -156,7 +157,7 @@ def test_evidence_that_ends_first_is_listed_by_the_recording_when_it_ends(tmp_pa
     with BagWriter(folder, door_topics(), {}) as writer:
         add_evidence(folder, CAMERA)
         before = (folder / "metadata.yaml").read_bytes()
-        assert not list_again(folder)
+        list_again(folder)
         assert (folder / "metadata.yaml").read_bytes() == before
         writer.put_all(SCORED)
     assert by_rosbags(folder) == in_order(SCORED, CAMERA)
@@ -165,18 +166,18 @@ def test_evidence_that_ends_first_is_listed_by_the_recording_when_it_ends(tmp_pa
 def test_two_that_end_at_once_list_both(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first is overtaken between its look and its write: what it writes is old by then."""
     add_evidence(folder, CAMERA, 0)
-    real = listing.write_metadata
+    real = evidence.write_metadata
     overtaken: list[bool] = []
 
     def write(fd: int, information: Any) -> None:  # noqa: ANN401 - it is handed on
         if not overtaken:
             overtaken.append(True)
             add_evidence(folder, CAMERA, 1)
-            assert list_again(folder)
+            list_again(folder)
         real(fd, information)
 
-    monkeypatch.setattr(listing, "write_metadata", write)
-    assert list_again(folder)
+    monkeypatch.setattr(evidence, "write_metadata", write)
+    list_again(folder)
     assert len(told(folder)["relative_file_paths"]) == 3
 
 
@@ -195,7 +196,7 @@ def test_a_kill_at_any_step_leaves_a_listing_that_every_reader_takes(tmp_path: P
             break
         except Killed:
             assert by_rosbags(folder) in (scored, both)
-            assert list_again(folder)
+            list_again(folder)
             assert by_rosbags(folder) == both
     assert 3 < steps < 99
 
@@ -238,14 +239,14 @@ def test_hopeless_evidence_is_named_and_hinders_nothing(folder: Path) -> None:
 
 def test_evidence_that_is_still_written_is_not_touched(folder: Path) -> None:
     with opened(folder) as fd:
-        file = McapFile(fd, evidence_file_name("run", 0))
+        file = BagFile(fd, evidence_file_name("run", 0))
         file.start([talk()], {})
         (words,) = recover(folder).hopeless
         assert "is being written" in words
         file.add_message(strings(["late"])[0])
         file.finish()
         file.close()
-        assert put_listing(fd) is not None
+        put_listing(fd)
     assert len(by_rosbags(folder)) == len(SCORED) + 1
 
 
@@ -260,3 +261,81 @@ def test_of_evidence_that_is_damaged_before_its_end_the_old_file_is_kept(folder:
     assert recovered.torn == file.with_name(f"{file.name}.torn")
     assert recovered.torn.read_bytes() == data[:-20]
     assert 0 < recovered.messages < len(long)
+
+
+FRAMES = [
+    RawMessage("/camera", "sensor_msgs/msg/Image", os.urandom(500_000), number, number)
+    for number in range(1, 21)
+]
+CAMERA_TOPIC = Topic("/camera", "sensor_msgs/msg/Image", "uint8[] data\n")
+
+
+def recorded(
+    folder: Path, refusal: Callable[[int, int], str | None], memory_bytes: int = 2**26
+) -> BagWriter:
+    return BagWriter(FurtherFile(folder, 0, refusal), [CAMERA_TOPIC], {}, memory_bytes=memory_bytes)
+
+
+def test_evidence_without_room_ends_in_a_whole_file_and_is_counted(folder: Path) -> None:
+    def refusal(size: int, coming: int) -> str | None:
+        return "the budget is used up" if size + coming > 4_100_000 else None
+
+    with (  # noqa: PT012  the end of the block raises
+        pytest.raises(RecorderError, match="the budget is used up"),
+        recorded(folder, refusal) as camera,
+    ):
+        camera.put_all(FRAMES)
+        until(lambda: camera.stats().error is not None)
+        assert not camera.put_message(FRAMES[0])
+    stats, bag = camera.close(), Bag(folder, evidence=True)
+    assert stats.file_bytes < 4_100_000
+    kept = list(bag.messages())
+    assert (kept, bag.complete) == (FRAMES[: len(kept)], True)
+    assert (stats.recorded, stats.lost) == ({"/camera": len(kept)}, {"/camera": 21 - len(kept)})
+
+
+def test_evidence_takes_no_more_memory_than_it_may(folder: Path) -> None:
+    go_on = threading.Event()
+
+    def wait(_size: int, _coming: int) -> None:
+        go_on.wait()
+
+    with (  # noqa: PT012  the end of the block raises
+        pytest.raises(RecorderError, match="not in the bag: /camera"),
+        recorded(folder, wait, 3_000_000) as camera,
+    ):
+        kept = [message for message in FRAMES if camera.put_message(message)]
+        assert camera.stats().memory_bytes <= 3_000_000
+        go_on.set()
+    assert list(Bag(folder, evidence=True).messages()) == kept
+
+
+def test_evidence_that_cannot_be_recorded_leaves_nothing(folder: Path) -> None:
+    there = folder / evidence_file_name("run", 0)
+    there.write_bytes(b"precious")
+    with pytest.raises(RecorderError, match=r"_evidence_0.mcap exists already; move it away"):
+        recorded(folder, lambda _size, _coming: None).open()
+    with pytest.raises(RecorderError, match="No such file"):
+        recorded(folder.parent / "none", lambda _size, _coming: None).open()
+    assert there.read_bytes() == b"precious"
+    assert len(list(folder.iterdir())) == 3
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_what_comes_before_the_file_is_there_is_written_to_it_or_counted(
+    tmp_path: Path, *, there: bool
+) -> None:
+    folder = tmp_path / "bag"
+    writer = BagWriter(folder, [], {})
+    if there:
+        folder.mkdir()
+    writer.start(niceness=19)
+    assert writer.add_topic(talk()) or there
+    writer.put_all(strings(["a", "b"]))
+    stats = writer.close()
+    if there:
+        assert "exists already" in (stats.error or "")
+        assert (stats.state, stats.lost) == (RecorderState.FAILED, {"/talk": 2})
+    else:
+        assert (stats.state, stats.recorded) == (RecorderState.FINISHED, {"/talk": 2})
+        assert len(list(Bag(folder).messages())) == 2
