@@ -164,7 +164,9 @@ def test_nothing_is_lost_while_a_full_disk_gets_room_in_time(tmp_path: Path) -> 
             words = writer.stats().error
         until(lambda: writer.stats().error is None)
     assert words is not None
-    assert words.endswith("File too large; what comes waits in memory: make room, or see to the disk")
+    assert words.endswith(
+        "File too large; what comes waits in memory: make room, or see to the disk"
+    )
     assert (writer.stats().recorded, writer.stats().lost) == ({BLOB.name: 50}, {})
     read = Bag(tmp_path / "bag")
     assert (list(read.messages()), read.complete) == (sent, True)

@@ -111,7 +111,7 @@ class EvidenceFile:
         unsynced = stats.seconds_since_sync
         if unsynced is None:
             unsynced = now - self._began
-        unwritten = sum((Counter(stats.received) - Counter(stats.lost) - Counter(stats.recorded)).values())
+        waiting = Counter(stats.received) - Counter(stats.lost) - Counter(stats.recorded)
         return replace(
             state,
             topics=tuple(self._counted(topic, stats) for topic in state.topics),
@@ -121,7 +121,7 @@ class EvidenceFile:
             recording=recording,
             finishing=finishing,
             problems=(problem,) if problem else (),
-            unwritten=None if stats.state is RecorderState.FAILED else unwritten,
+            unwritten=None if stats.state is RecorderState.FAILED else waiting.total(),
             saved=None if stats.end_ns is None else stats.end_ns / NS,
         )
 
