@@ -54,8 +54,11 @@ RECOVERY_RECORD = "recovery"
 RECORD_LIMIT = 128 * 1024 * 1024
 """The most bytes of a record, and of a chunk when it is unpacked; rosbag2's have 0.75 MiB."""
 
-HELD_LIMIT = 256 * 1024 * 1024
-"""The most bytes of messages that are put in order in memory."""
+HELD_LIMIT = 512 * 1024 * 1024
+"""The most memory of messages that are put in order."""
+
+_OVERHEAD_BYTES = 256
+"""Memory of a message beside its data."""
 
 _TYPES_LIMIT = 16 * 1024 * 1024
 """The most bytes of types, channels and records; those of a run have some 50 KiB."""
@@ -243,7 +246,7 @@ class Bag:
             for item in self._items(path):
                 if isinstance(item, RawMessage):
                     chunks[-1].append(item)
-                    size += len(item.data)
+                    size += len(item.data) + _OVERHEAD_BYTES
                 elif isinstance(item, ChunkEnd):
                     chunks.append([])
                 if size > HELD_LIMIT:
@@ -330,8 +333,11 @@ def read_outline(file: BufferedReader) -> Outline:
     if outline is not None:
         return outline
     outline = Outline()
-    for item in FileReading(file).items():
-        outline.add(item)
+    try:
+        for item in FileReading(file).items():
+            outline.add(item)
+    except OSError as error:
+        outline.add(Damage(f"it cannot be read ({error})", 0))
     return outline
 
 
@@ -493,7 +499,7 @@ class FileReading:
             for record in self._records(min(RECORD_LIMIT, self._size)):
                 yield from self._record(record, place)
                 place = self._file.tell()
-        except ForeignError:
+        except (ForeignError, OSError):
             raise
         except Exception as error:  # noqa: BLE001 - a stranger's file
             words = self._words(error, place)
@@ -509,6 +515,8 @@ class FileReading:
             self._file.seek(index.chunk_start_offset)
             try:
                 record = next(self._records(min(RECORD_LIMIT, self._size)))
+            except OSError:
+                raise
             except Exception:  # noqa: BLE001 - a stranger's file
                 record = None
             if isinstance(record, Chunk):
@@ -517,7 +525,7 @@ class FileReading:
                 yield Damage(f"a chunk is not where it should be (byte {index.chunk_start_offset})")
 
     def _records(self, limit: int) -> Iterator[McapRecord]:
-        source: Any = _Source(self._file, self._size)
+        source: Any = _Source(self._file, limit)
         reader = StreamReader(source, skip_magic=True, emit_chunks=True, record_size_limit=limit)
         return reader.records
 
@@ -593,7 +601,7 @@ class FileReading:
             for item in self._chunk(chunk, place, is_cut=True):
                 if not isinstance(item, Damage):  # that it is torn is told
                     yield item
-        except ForeignError:
+        except (ForeignError, OSError):
             raise
         except Exception:  # noqa: BLE001 - it is cut in its head
             return

@@ -321,7 +321,7 @@ class BagWriter:
                 file = BagFile(self._folder_fd, name)
                 undo.callback(remove, self._folder_fd, name)
                 undo.callback(file.close)
-                file.start(self._topics.values(), self._records)
+                file.start(self._first_topics, self._records)
                 if isinstance(self._place, Path):
                     undo.callback(remove, self._folder_fd, METADATA_FILE)
                     put_listing(self._folder_fd, file.information())
@@ -357,7 +357,7 @@ class BagWriter:
 
     def _run(self, file: BagFile) -> None:
         try:
-            closing = False
+            closing, refusal = False, None
             while not closing:
                 batch, cost, closing = self._take_batch()
                 if refusal := self._refusal(file, cost):
@@ -367,7 +367,7 @@ class BagWriter:
                     break
                 for item in batch:
                     self._add(file, item)
-                if self._clock() >= self._next_sync:
+                if self._blocked or self._clock() >= self._next_sync:
                     self._sync(file)
                 self._report(file, cost)
             file.finish()
@@ -377,6 +377,7 @@ class BagWriter:
             with self._changed:
                 if self._state is RecorderState.RECORDING:
                     self._state = RecorderState.FINISHED
+                    self._error = refusal  # what the disk refused before is there now
         except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on
             self._report(file, 0)
             self._fail(error)
@@ -410,18 +411,20 @@ class BagWriter:
         """Bring all to the disk; what it refuses is tried again at the next sync."""
         now = self._clock()
         self._next_sync = now + self._flush_period
+        problem = None
         try:
             file.sync()
         except FileNotFoundError:
             raise
         except OSError as error:
-            self._error = (
+            problem = (
                 f"recording to {self.folder}: {error.strerror or error}; "
                 "what comes waits in memory: make room, or see to the disk"
             )
-        else:
-            self._synced = now
-            self._error = None
+        with self._changed:
+            if self._state is RecorderState.RECORDING:  # else it was given up on
+                self._error = problem
+                self._synced = self._synced if problem else now
 
     def _refusal(self, file: BagFile, coming: int) -> str | None:
         if isinstance(self._place, FurtherFile):
@@ -593,6 +596,7 @@ class _Disk:
 
     def __init__(self, fd: int) -> None:
         self._fd = fd
+        self._written = 0
         self.waiting = bytearray()
         self.size = 0
 
@@ -607,14 +611,21 @@ class _Disk:
         """Do nothing: `carry` does it."""
 
     def carry(self) -> None:
-        """Write what waits, as far as the disk has room; a part may be written if it raises."""
-        while self.waiting:
-            written = os.write(self._fd, bytes(self.waiting[:CHUNK_BYTES]))
-            del self.waiting[:written]
-            self.size += written
-        os.fdatasync(self._fd)
+        """Write what waits, on from the byte where the disk stopped; OSError where it stops."""
+        while self._written < len(self.waiting):
+            piece = bytes(self.waiting[self._written : self._written + CHUNK_BYTES])
+            self._written += os.pwrite(self._fd, piece, self.size + self._written)
+        try:
+            os.fdatasync(self._fd)
+        except OSError:
+            self._written = 0  # nobody knows what of it the disk has: all is written again
+            raise
         if os.fstat(self._fd).st_nlink == 0:
             raise FileNotFoundError("the file was deleted")
+        self.size += self._written
+        self._written = 0
+        self.waiting.clear()
 
     def close(self) -> None:
-        os.close(self._fd)
+        with suppress(OSError):  # what counts was synced
+            os.close(self._fd)

@@ -207,7 +207,7 @@ def killed_after(steps: int, how: BaseException | None = None) -> Iterator[None]
         return call
 
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("open", "write", "fsync", "fdatasync", "link", "rename", "unlink"):
+        for name in ("open", "write", "pwrite", "fsync", "fdatasync", "link", "rename", "unlink"):
             patch.setattr(os, name, guarded(getattr(os, name)))
         yield
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import threading
 from collections import Counter
 from collections.abc import Callable
+from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ from msgspec.structs import replace
 from recorder import RecorderError, evidence
 from recorder.bag import RawMessage, Topic, bag_file_name, evidence_file_name
 from recorder.evidence import FurtherFile, put_listing
-from recorder.reader import Bag
+from recorder.reader import Bag, open_recording
 from recorder.recovery import recover
 from recorder.writer import BagFile, BagWriter, RecorderState
 from tests.recorder.samples import (
@@ -261,6 +263,33 @@ def test_of_evidence_that_is_damaged_before_its_end_the_old_file_is_kept(folder:
     assert recovered.torn == file.with_name(f"{file.name}.torn")
     assert recovered.torn.read_bytes() == data[:-20]
     assert 0 < recovered.messages < len(long)
+
+
+class BadSector(FileIO):
+    """A file of which the disk reads no more than a part."""
+
+    def readinto(self, buffer: Any, /) -> int:  # noqa: ANN401 - any buffer
+        if self.tell() >= 8192:
+            raise OSError(errno.EIO, "Input/output error")
+        return super().readinto(memoryview(buffer)[: 8192 - self.tell()])
+
+
+def test_evidence_that_the_disk_does_not_read_is_not_replaced_by_a_part(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = add_evidence(folder, strings([os.urandom(1_000).hex() for _ in range(2_000)]))
+    os.truncate(file, file.stat().st_size - 20)
+    before = file.read_bytes()
+
+    def opened(path: str, folder_fd: int) -> BufferedReader:
+        if path == file.name:
+            return BufferedReader(BadSector(file))
+        return open_recording(path, folder_fd)
+
+    monkeypatch.setattr("recorder.recovery.open_recording", opened)
+    (words,) = recover(folder).hopeless
+    assert "Input/output error; nothing is lost" in words
+    assert file.read_bytes() == before
 
 
 FRAMES = [

@@ -23,8 +23,9 @@ from mcap.records import (
     Schema,
 )
 from mcap.writer import MCAP0_MAGIC, CompressionType
+from msgspec.structs import replace as replaced
 
-from recorder import RecorderError
+from recorder import RecorderError, reader
 from recorder.bag import BagInformation, RawMessage
 from recorder.reader import Bag
 from recorder.recovery import Recovered, recover
@@ -282,15 +283,35 @@ def test_a_claim_is_no_reason_to_take_memory(tmp_path: Path, content: bytes) -> 
     assert recovered.cut[0].startswith(("a chunk ", "the record at ", "it is torn", "it ends"))
 
 
-def test_a_record_of_two_gigabytes_is_not_read_into_memory(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        (framed(0x05, b"", 2**31), "has more than 134217728 bytes"),
+    ],
+)
+def test_no_claim_of_two_gigabytes_is_read_into_memory(
+    tmp_path: Path, record: bytes, words: str
+) -> None:
     path = tmp_path / "large.mcap"
-    path.write_bytes(MCAP0_MAGIC + GOOD + framed(0x05, b"", 2**31))
+    path.write_bytes(MCAP0_MAGIC + GOOD + record)
     with path.open("r+b") as file:
         file.truncate(2**31 + 1000)  # takes no room: it is a hole
     with little_memory():
         recovered = recover(path)
     assert recovered.messages == 1
-    assert "has more than 134217728 bytes" in recovered.cut[0]
+    assert words in recovered.cut[0]
+
+
+def test_messages_without_data_take_memory_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reader, "HELD_LIMIT", 10_000)
+    path = tmp_path / "many.mcap"
+    empty = [replaced(message, data=b"") for message in MESSAGES[::-1] * 10]
+    path.write_bytes(by_library(empty, chunk_size=1))
+    bag = Bag(path)
+    assert len(list(bag.messages())) < 50
+    assert "too large to be put in the order of its times" in (bag.problem or "")
 
 
 SCHEMAS = [Schema(number, b"x" * 2**20, "ros2msg", "a/msg/B") for number in range(1, 20)]

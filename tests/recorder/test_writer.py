@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import re
@@ -146,8 +147,8 @@ def test_no_file_stays_open(tmp_path: Path) -> None:
 def test_a_disk_that_takes_little_at_a_time_gets_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    messages, real = strings(["x" * 900] * 100), os.write
-    monkeypatch.setattr(os, "write", lambda fd, data: real(fd, data[:100]))
+    messages, real = strings(["x" * 900] * 100), os.pwrite
+    monkeypatch.setattr(os, "pwrite", lambda fd, data, place: real(fd, data[:100], place))
     with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
         assert writer.put_all(messages) == len(messages)
     read = Bag(tmp_path / "bag")
@@ -170,6 +171,51 @@ def test_nothing_is_lost_while_a_full_disk_gets_room_in_time(tmp_path: Path) -> 
     assert (writer.stats().recorded, writer.stats().lost) == ({BLOB.name: 50}, {})
     read = Bag(tmp_path / "bag")
     assert (list(read.messages()), read.complete) == (sent, True)
+
+
+def test_what_a_failed_sync_may_have_lost_is_written_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernel forgets what it could not write, and says so only once."""
+    messages, real = strings([os.urandom(1000).hex(), "b"]), os.fdatasync
+    failures: list[int] = []
+
+    def forget(fd: int) -> None:
+        size = os.fstat(fd).st_size
+        if not failures and size > 1000:
+            failures.append(size)
+            os.pwrite(fd, bytes(100), size - 100)
+            raise OSError(errno.EIO, "Input/output error")
+        real(fd)
+
+    monkeypatch.setattr(os, "fdatasync", forget)
+    with BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0.02) as writer:
+        writer.put_all(messages)
+        until(lambda: writer.stats().recorded == {"/talk": 2})
+    assert failures
+    read = Bag(tmp_path / "bag")
+    assert (list(read.messages()), read.complete) == (messages, True)
+
+
+def test_room_that_comes_right_before_the_close_leaves_no_error(tmp_path: Path) -> None:
+    now, sent = 0.0, [blob(number) for number in range(10)]
+    writer = BagWriter(tmp_path / "bag", [BLOB], {}, clock=lambda: now)
+    writer.open()
+    with limited(resource.RLIMIT_FSIZE, 300_000):
+        writer.put_all(sent)
+        now = 1.0
+        until(lambda: writer.stats().error is not None)
+    writer.close()
+    assert (writer.stats().error, writer.stats().recorded) == (None, {BLOB.name: 10})
+    assert list(Bag(tmp_path / "bag").messages()) == sent
+
+
+def test_who_waits_for_room_waits_for_no_sync(tmp_path: Path) -> None:
+    sent = [blob(number) for number in range(50)]
+    options: dict[str, Any] = {"memory_bytes": 1_000_000, "flush_period": 1e6}
+    with BagWriter(tmp_path / "bag", [BLOB], {}, block_when_full=True, **options) as writer:
+        assert writer.put_all(sent) == 50
+    assert list(Bag(tmp_path / "bag").messages()) == sent
 
 
 def test_a_disk_that_stays_full_costs_what_it_did_not_take(tmp_path: Path) -> None:
@@ -207,13 +253,16 @@ def test_a_full_queue_drops_at_once_and_counts(tmp_path: Path, stuck: StuckDisk)
 def test_a_disk_that_does_not_answer_ends_neither_the_run_nor_the_close(
     tmp_path: Path, stuck: StuckDisk
 ) -> None:
-    writer = BagWriter(tmp_path / "bag", [talk()], {}, clock=stuck)
+    writer = BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0, clock=stuck)
     writer.open()
     assert writer.put_message(strings(["a"])[0])
     stats = writer.close(timeout=0.05)
     assert "the disk did not answer within 0.05 s" in (stats.error or "")
     assert (stats.recorded, stats.lost) == ({}, {"/talk": 1})
     assert (stats.state, stats.memory_bytes) == (RecorderState.FAILED, 0)
+    stuck.answers.set()
+    late = writer.close()  # the disk answers after all, and changes no word
+    assert (late.state, late.error, late.lost) == (stats.state, stats.error, stats.lost)
 
 
 def test_a_bag_deleted_while_recording_is_reported(tmp_path: Path) -> None:
