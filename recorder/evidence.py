@@ -95,10 +95,7 @@ def summarised(folder_fd: int, name: str) -> BagInformation | None:
             outline = read_summary(file)
     except (ForeignError, OSError):
         return None
-    if outline is None:
-        return None
-    topics = list(outline.topics.values())
-    return BagInformation(name, topics, outline.counts, outline.start_ns, outline.end_ns)
+    return None if outline is None else outline.information(name)
 
 
 def write_metadata(folder_fd: int, information: BagInformation) -> None:

@@ -10,7 +10,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import lru_cache
 from io import SEEK_END, BufferedReader, BytesIO
 from pathlib import Path, PurePath
 from typing import Any, TypeAlias
@@ -18,21 +18,9 @@ from typing import Any, TypeAlias
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE, SeekingReader
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    Footer,
-    McapRecord,
-    Message,
-    Metadata,
-    Schema,
-    Statistics,
-)
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, ChunkIndex, Metadata, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC
 
@@ -41,6 +29,7 @@ from recorder.bag import (
     BAG_INFORMATION,
     METADATA_FILE,
     YAML_PROBLEMS,
+    BagInformation,
     RawMessage,
     Topic,
     is_evidence,
@@ -68,12 +57,10 @@ _METADATA_LIMIT = 1024 * 1024
 _NAME_LIMIT = 80
 
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
+_FOOTER = struct.Struct("<QQI")  # start of the summary, of its offsets, checksum
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_MESSAGE = int(Opcode.MESSAGE)
-_CHUNK = int(Opcode.CHUNK)
 
 _SECTOR = 512
-_PIECE = 1024 * 1024
 
 
 class ForeignError(Exception):
@@ -185,16 +172,28 @@ class Bag:
         messages come as they are stored; else all are sorted by log time, in memory. Damaged
         chunks are left out. `problem` tells them, and a torn end.
         """
-        paths = list(self._outlines)
-        starts = {path: self._outlines[path].chunk_starts() for path in paths}
-        if not all(starts.values()):
-            yield from self._from_memory(paths)
+        paths = sorted(self._outlines, key=self._first_time)
+        starts = [start for path in paths for start in self._outlines[path].chunk_starts]
+        messages = self._stored_messages(paths)
+        if starts == sorted(starts):
+            yield from messages
             return
-        paths.sort(key=lambda path: min(starts[path]))
-        stored = [start for path in paths for start in starts[path]]
-        if stored != sorted(stored):
-            yield from self._from_memory(paths)
-            return
+
+        held: list[RawMessage] = []
+        size = 0
+        for message in messages:
+            held.append(message)
+            size += len(message.data) + _OVERHEAD_BYTES
+            if size > HELD_LIMIT:
+                self._note_problem(self.path, "it is too large to be put in the order of its times")
+                break
+        held.sort(key=lambda message: message.receive_ns)
+        yield from held
+
+    def _first_time(self, path: Path) -> int:
+        return min(self._outlines[path].chunk_starts, default=0)
+
+    def _stored_messages(self, paths: Iterable[Path]) -> Iterator[RawMessage]:
         for path in paths:
             for item in self._items(path):
                 if isinstance(item, RawMessage):
@@ -203,15 +202,11 @@ class Bag:
     def nearest(self, topic: str, at_ns: int, within_ns: int) -> RawMessage | None:
         """Return the message of a topic that was received nearest to an instant.
 
-        Instant and distance are in ns; None = none is so near. A damaged chunk is passed over.
-        Raises RecorderError if the disk refuses.
+        Instant and distance are in ns; None = none is so near. What cannot be read is passed over.
         """
         for distance in (within_ns // 10, within_ns):  # most are near: little is unpacked
             window = range(at_ns - distance, at_ns + distance + 1)
-            try:
-                found = list(self._in_window(topic, window))
-            except OSError as error:
-                raise RecorderError(f"{topic}: cannot be read ({error})") from None
+            found = list(self._in_window(topic, window))
             if found:
                 return min(found, key=lambda message: abs(message.receive_ns - at_ns))
         return None
@@ -237,36 +232,8 @@ class Bag:
         except (ForeignError, OSError) as error:
             self._note_problem(path, f"{error}; what comes before that is read")
 
-    def _from_memory(self, paths: Iterable[Path]) -> Iterator[RawMessage]:
-        """Yield the messages of files of which no index says that they are in order."""
-        files = []
-        size = 0
-        for path in paths:
-            chunks: list[list[RawMessage]] = [[]]
-            for item in self._items(path):
-                if isinstance(item, RawMessage):
-                    chunks[-1].append(item)
-                    size += len(item.data) + _OVERHEAD_BYTES
-                elif isinstance(item, ChunkEnd):
-                    chunks.append([])
-                if size > HELD_LIMIT:
-                    self._note_problem(path, "it is too large to be put in the order of its times")
-                    break
-            files.append([chunk for chunk in chunks if chunk])
-        starts = [[_first_time(chunk) for chunk in chunks] for chunks in files]
-        order = sorted(range(len(files)), key=lambda number: min(starts[number], default=0))
-        stored = [start for number in order for start in starts[number]]
-        held = [message for number in order for chunk in files[number] for message in chunk]
-        if stored != sorted(stored):
-            held.sort(key=lambda message: message.receive_ns)
-        yield from held
-
     def _note_problem(self, file: Path, problem: str) -> None:
         self.problem = self.problem or f"{file}: {problem}"
-
-
-def _first_time(chunk: list[RawMessage]) -> int:
-    return min(message.receive_ns for message in chunk)
 
 
 @dataclass(slots=True)
@@ -279,6 +246,7 @@ class Outline:
         counts: messages by topic.
         start_ns, end_ns: first and last log time; None without messages.
         damages: what cannot be read.
+        chunk_starts: first log time of each chunk that has messages, as they are stored.
         chunks: the index; empty where there is none that can be trusted.
     """
 
@@ -289,10 +257,18 @@ class Outline:
     start_ns: int | None = None
     end_ns: int | None = None
     damages: list[Damage] = field(default_factory=list)
+    chunk_starts: list[int] = field(default_factory=list)
     chunks: list[ChunkIndex] = field(default_factory=list)
+    _chunk_start: int | None = None
 
-    def chunk_starts(self) -> list[int]:
-        return [chunk.message_start_time for chunk in self.chunks if chunk.message_end_time]
+    @property
+    def tail_bytes(self) -> int:
+        """Bytes of the unreadable end."""
+        return sum(damage.tail_bytes or 0 for damage in self.damages)
+
+    def information(self, name: str) -> BagInformation:
+        topics = list(self.topics.values())
+        return BagInformation(name, topics, self.counts, self.start_ns, self.end_ns)
 
     def overlapping(self, topic: str, window: range) -> list[ChunkIndex] | None:
         """Return the chunks with messages of a topic in a window; None where no index tells."""
@@ -316,6 +292,11 @@ class Outline:
                 self.counts[item.topic] += 1
                 self.start_ns = time if self.start_ns is None else min(time, self.start_ns)
                 self.end_ns = time if self.end_ns is None else max(time, self.end_ns)
+                start = self._chunk_start
+                self._chunk_start = time if start is None else min(time, start)
+            case ChunkEnd() if self._chunk_start is not None:
+                self.chunk_starts.append(self._chunk_start)
+                self._chunk_start = None
             case Topic():
                 self.topics.setdefault(item.name, item)
             case Metadata():
@@ -350,6 +331,9 @@ def read_items(file: BufferedReader) -> Iterator[BagItem]:
 def read_summary(file: BufferedReader) -> Outline | None:
     """Return what the summary of a file says; None where it cannot be trusted or is not there."""
     try:
+        place = file.seek(-FOOTER_SIZE - len(MCAP0_MAGIC), SEEK_END)
+        if not _has_summary(file, place):
+            return None
         return _summary_outline(file)
     except ForeignError:
         raise
@@ -357,67 +341,223 @@ def read_summary(file: BufferedReader) -> Outline | None:
         return None
 
 
+def _has_summary(file: BufferedReader, place: int) -> bool:
+    """Whether a checksum in the footer there says that the summary is what was written.
+
+    Raises _DamageError if it says that it is not.
+    """
+    file.seek(place + _HEAD.size)
+    start, _, checksum = _FOOTER.unpack(file.read(_FOOTER.size))
+    if not checksum or not start:
+        return False
+    if 0 < place - start <= RECORD_LIMIT:
+        file.seek(start)
+        if zlib.crc32(file.read(place + FOOTER_SIZE - 4 - start)) == checksum:
+            return True
+    raise _DamageError("the checksum of its summary is wrong")
+
+
 def _summary_outline(file: BufferedReader) -> Outline | None:
-    start = file.seek(-FOOTER_SIZE - len(MCAP0_MAGIC), SEEK_END)
-    footer = next(StreamReader(file, skip_magic=True, record_size_limit=FOOTER_SIZE).records)
-    if not isinstance(footer, Footer) or not footer.summary_crc:
-        return None
-    if not 0 < start - footer.summary_start <= RECORD_LIMIT:
-        return None
-    file.seek(footer.summary_start)
-    content = file.read(start + FOOTER_SIZE - 4 - footer.summary_start)
-    if zlib.crc32(content) != footer.summary_crc:
-        return None
     file.seek(0)
-    reader = SeekingReader(file, record_size_limit=RECORD_LIMIT)
-    summary = reader.get_summary()
+    summary = SeekingReader(file, record_size_limit=RECORD_LIMIT).get_summary()
     statistics = None if summary is None else summary.statistics
     if summary is None or statistics is None:
         return None
+    chunks = sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset)
     metadata = summary.metadata_indexes
-    whole = statistics.channel_count == len(summary.channels)
-    whole = whole and statistics.chunk_count == len(summary.chunk_indexes)
-    whole = whole and statistics.metadata_count == len(metadata)
-    if not whole or sum(index.length for index in metadata) > _TYPES_LIMIT:
+    stated = statistics.channel_count, statistics.chunk_count, statistics.metadata_count
+    if stated != (len(summary.channels), len(chunks), len(metadata)):
+        return None
+    if statistics.message_count and not chunks:
+        return None
+    if sum(index.length for index in metadata) > _TYPES_LIMIT:
         return None
 
-    catalogue = Catalogue()
+    reading = FileReading(file)
+    outline = Outline(channels=reading.topics, chunks=chunks)
     for schema in summary.schemas.values():
-        catalogue.add_schema(schema)
+        reading.add_schema(schema)
     for channel in summary.channels.values():
-        catalogue.add_channel(channel)
-    outline = Outline(channels=catalogue.topics)
-    for topic in catalogue.topics.values():
-        outline.add(topic)
-    for record in reader.iter_metadata():
-        outline.add(record)
+        outline.add(reading.add_channel(channel))
+    for index in metadata:
+        file.seek(index.offset + _HEAD.size)
+        outline.add(Metadata.read(_stream(file.read(index.length - _HEAD.size))))
     for number, count in statistics.channel_message_counts.items():
-        outline.counts[catalogue.topics[number].name] += count
+        outline.counts[reading.topics[number].name] += count
     if statistics.message_count:
         outline.start_ns = statistics.message_start_time
         outline.end_ns = statistics.message_end_time
-    outline.chunks = sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset)
+    for chunk in chunks:
+        if chunk.message_end_time:
+            outline.chunk_starts.append(chunk.message_start_time)
     return outline
 
 
-class Catalogue:
-    """The topics of a file by the numbers of their channels, within the limits of a bag."""
+class FileReading:
+    """Reads a recording from its beginning to its end, or some of its chunks.
 
-    def __init__(self) -> None:
-        self.topics: dict[int, Topic] = {}
+    Args:
+        channels: those that the summary tells: a damaged chunk may have held them.
+
+    Attributes:
+        topics: by the numbers of their channels, within the limits of a bag.
+    """
+
+    def __init__(self, file: BufferedReader, channels: dict[int, Topic] | None = None) -> None:
+        self._file = file
+        self._size = file.seek(0, SEEK_END)
+        self.topics = dict(channels or {})
         self._schemas: dict[int, Schema] = {}
-        self._size = 0
+        self._types_size = 0
+        self._count = 0
+        self._stated: int | None = None
+        self._is_chunked = False
+        self._is_damaged = False
+
+    def items(self) -> Iterator[BagItem]:
+        """Yield everything in storage order, a topic before its messages, up to where it breaks.
+
+        A damaged chunk is a `Damage`; of the chunk in which the file ends the whole messages are
+        there. Raises ForeignError if it is no recording, OSError if the disk refuses.
+        """
+        place = len(MCAP0_MAGIC)
+        self._file.seek(0)
+        if self._file.read(place) != MCAP0_MAGIC:
+            raise ForeignError(
+                "it does not begin like an MCAP file" if self._size else "it is empty"
+            )
+        yield from list(self.topics.values())
+        try:
+            opcode = 0
+            while opcode != Opcode.FOOTER:
+                opcode, content, is_cut = self._record_at(place)
+                yield from self._record(opcode, content, place, is_cut=is_cut)
+                place += _HEAD.size + len(content)
+        except (ForeignError, OSError):
+            raise
+        except _DamageError as error:
+            yield Damage(str(error), self._size - place)
+        except Exception:  # noqa: BLE001 - a stranger's file
+            yield Damage(f"the record at byte {place} is damaged", self._size - place)
+        else:
+            if self._stated not in (None, self._count) and not self._is_damaged:
+                yield Damage(f"{self._count} of {self._stated} messages are left", 0)
+
+    def items_of(self, chunks: Iterable[ChunkIndex]) -> Iterator[BagItem]:
+        """Yield what is in some chunks, each where the index says."""
+        for index in chunks:
+            place = index.chunk_start_offset
+            try:
+                yield from self._chunk(self._record_at(place)[1], place)
+            except OSError:
+                raise
+            except Exception:  # noqa: BLE001 - a stranger's file
+                yield Damage(f"a chunk is not where it should be (byte {place})")
+
+    def _record_at(self, place: int) -> tuple[int, bytes, bool]:
+        """Return opcode and content of a record, and whether it is the chunk the file ends in."""
+        self._file.seek(place)
+        head = self._file.read(_HEAD.size)
+        if not head:
+            raise _DamageError(f"it ends at byte {place} without a footer")
+        if not any(head):  # left by a power cut
+            raise _DamageError(f"there are only zeros from byte {place} on")
+        if len(head) < _HEAD.size:
+            raise _DamageError(f"it is torn at byte {place}")
+        opcode, length = _HEAD.unpack(head)
+        is_cut = place + _HEAD.size + length > self._size
+        if is_cut and opcode != Opcode.CHUNK:
+            raise _DamageError(f"it is torn at byte {place}")
+        if length > RECORD_LIMIT and not is_cut:
+            raise _DamageError(f"the record at byte {place} has more than {RECORD_LIMIT} bytes")
+        return opcode, self._file.read(min(length, RECORD_LIMIT, self._size)), is_cut
+
+    def _record(
+        self, opcode: int, content: bytes, place: int, *, is_cut: bool
+    ) -> Iterator[BagItem]:
+        match opcode:
+            case Opcode.CHUNK:
+                self._is_chunked = True
+                yield from self._chunk(content, place, is_cut=is_cut)
+            case Opcode.MESSAGE if self._is_chunked:  # one flipped bit makes one of an index
+                yield Damage(f"there is a message outside of the chunks (byte {place})")
+            case Opcode.METADATA:
+                record = Metadata.read(_stream(content))
+                self._grow(len(record.name) + _text_size(record.metadata))
+                yield record
+            case Opcode.STATISTICS:
+                self._stated = Statistics.read(_stream(content)).message_count
+            case Opcode.FOOTER:
+                if self._file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                    raise _DamageError(f"there is no end mark behind the footer at byte {place}")
+                try:
+                    _has_summary(self._file, place)
+                except _DamageError as error:
+                    yield Damage(str(error), 0)
+            case _:
+                item = self._item(opcode, content)
+                if item is not None:
+                    yield item
+                yield ChunkEnd()
+
+    def _chunk(self, content: bytes, place: int, *, is_cut: bool = False) -> Iterator[BagItem]:
+        chunk = Chunk.read(_stream(content))
+        records, problem = unpack(chunk, is_cut=is_cut)
+        try:
+            yield from self._items_in(records)
+        except ForeignError:
+            raise
+        except _DamageError as error:
+            problem = problem or f"is of no use: {error}"
+        except Exception:  # noqa: BLE001 - a stranger's chunk
+            problem = problem or "has a damaged record"
+        yield ChunkEnd()
+        if is_cut:
+            raise _DamageError(f"it is torn at byte {place}")
+        if problem is not None:
+            self._is_damaged = True
+            is_foreign = chunk.compression not in _COMPRESSIONS
+            yield Damage(f"a chunk {problem} (byte {place})", is_foreign=is_foreign)
+
+    def _items_in(self, records: bytes) -> Iterator[BagItem]:
+        """Yield what is in an unpacked chunk."""
+        end = 0
+        while end < len(records):
+            opcode, length = _HEAD.unpack_from(records, end)
+            start = end + _HEAD.size
+            end = start + length
+            if end > len(records) or opcode == 0:
+                raise ValueError
+            item = self._item(opcode, records[start:end])
+            if item is not None:
+                yield item
+
+    def _item(self, opcode: int, content: bytes) -> Topic | RawMessage | None:
+        """Return the item that a record is, if it is one, and note a schema."""
+        if opcode == Opcode.SCHEMA:
+            self.add_schema(Schema.read(_stream(content)))
+        if opcode == Opcode.CHANNEL:
+            return self.add_channel(Channel.read(_stream(content)))
+        if opcode != Opcode.MESSAGE:
+            return None
+        channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content)
+        topic = self.topics.get(channel)
+        if topic is None:
+            raise _DamageError(f"it has a message of the unknown channel {channel}")
+        self._count += 1
+        data = content[_MESSAGE_HEAD.size :]
+        return RawMessage(topic.name, topic.type, data, publish_ns, log_ns, sequence)
 
     def add_schema(self, schema: Schema) -> None:
         if schema.id not in self._schemas:
-            self.grow(len(schema.data) + len(schema.name))
+            self._grow(len(schema.data) + len(schema.name))
             self._schemas[schema.id] = schema
 
     def add_channel(self, channel: Channel) -> Topic:
         """Return the channel's topic; raises ForeignError if it is not of ROS 2."""
         if channel.id in self.topics:
             return self.topics[channel.id]
-        self.grow(len(channel.topic) + _text_size(channel.metadata))
+        self._grow(len(channel.topic) + _text_size(channel.metadata))
         if len(self.topics) == _TOPIC_LIMIT:
             raise _DamageError(f"it has more than {_TOPIC_LIMIT} channels")
         name = channel.topic
@@ -440,9 +580,9 @@ class Catalogue:
         self.topics[channel.id] = topic
         return topic
 
-    def grow(self, size: int) -> None:
-        self._size += size
-        if self._size > _TYPES_LIMIT:
+    def _grow(self, size: int) -> None:
+        self._types_size += size
+        if self._types_size > _TYPES_LIMIT:
             raise _DamageError(f"its types and records have more than {_TYPES_LIMIT} bytes")
 
 
@@ -453,201 +593,14 @@ def _text_size(metadata: dict[str, str]) -> int:
     return sum(len(key) + len(value) for key, value in metadata.items())
 
 
-class _Source:
-    """A file as mcap's reader takes it; no length that a record claims takes more memory."""
-
-    def __init__(self, file: BufferedReader, size: int) -> None:
-        self._file = file
-        self._size = size
-
-    def read(self, length: int) -> bytes:
-        data = self._file.read(min(length, self._size))
-        if length == 1 and data + self._file.peek(8)[:8] == bytes(9):  # left by a power cut
-            raise _DamageError(f"there are only zeros from byte {self._file.tell() - 1} on")
-        return data
-
-
-class FileReading:
-    """Reads a recording from its beginning to its end, or some of its chunks.
-
-    `channels` are those that the summary tells: a damaged chunk may have held them.
-    """
-
-    def __init__(self, file: BufferedReader, channels: dict[int, Topic] | None = None) -> None:
-        self._file = file
-        self._size = file.seek(0, SEEK_END)
-        self._catalogue = Catalogue()
-        self._catalogue.topics |= channels or {}
-        self._count = 0
-        self._stated: int | None = None
-        self._is_chunked = self._is_damaged = False
-
-    def items(self) -> Iterator[BagItem]:
-        """Yield everything in storage order, a topic before its messages, up to where it breaks.
-
-        A damaged chunk is a `Damage`; of the chunk in which the file ends the whole messages are
-        there. Raises ForeignError if it is no recording.
-        """
-        self._file.seek(0)
-        place = len(MCAP0_MAGIC)
-        if self._file.read(place) != MCAP0_MAGIC:
-            raise ForeignError(
-                "it does not begin like an MCAP file" if self._size else "it is empty"
-            )
-        yield from list(self._catalogue.topics.values())
-        try:
-            for record in self._records(min(RECORD_LIMIT, self._size)):
-                yield from self._record(record, place)
-                place = self._file.tell()
-        except (ForeignError, OSError):
-            raise
-        except Exception as error:  # noqa: BLE001 - a stranger's file
-            words = self._words(error, place)
-            yield from self._cut_chunk(place)
-            yield Damage(words, self._size - place)
-            return
-        if self._stated not in (None, self._count) and not self._is_damaged:
-            yield Damage(f"{self._count} of {self._stated} messages are left", 0)
-
-    def items_of(self, chunks: Iterable[ChunkIndex]) -> Iterator[BagItem]:
-        """Yield what is in some chunks, each where the index says."""
-        for index in chunks:
-            self._file.seek(index.chunk_start_offset)
-            try:
-                record = next(self._records(min(RECORD_LIMIT, self._size)))
-            except OSError:
-                raise
-            except Exception:  # noqa: BLE001 - a stranger's file
-                record = None
-            if isinstance(record, Chunk):
-                yield from self._chunk(record, index.chunk_start_offset)
-            else:
-                yield Damage(f"a chunk is not where it should be (byte {index.chunk_start_offset})")
-
-    def _records(self, limit: int) -> Iterator[McapRecord]:
-        source: Any = _Source(self._file, limit)
-        reader = StreamReader(source, skip_magic=True, emit_chunks=True, record_size_limit=limit)
-        return reader.records
-
-    def _record(self, record: McapRecord, place: int) -> Iterator[BagItem]:
-        match record:
-            case Chunk():
-                self._is_chunked = True
-                yield from self._chunk(record, place)
-            case Message() if self._is_chunked:  # one flipped bit makes one of an index
-                yield Damage(f"there is a message outside of the chunks (byte {place})")
-            case Message():
-                yield self._message(record)
-                yield ChunkEnd()
-            case Schema():
-                self._catalogue.add_schema(record)
-            case Channel():
-                yield self._catalogue.add_channel(record)
-            case Metadata():
-                self._catalogue.grow(len(record.name) + _text_size(record.metadata))
-                yield record
-            case Statistics():
-                self._stated = record.message_count
-            case Footer() if not self._is_right(record, place):
-                yield Damage("the checksum of its summary is wrong", 0)
-
-    def _is_right(self, footer: Footer, place: int) -> bool:
-        """Whether a summary is what was written; where no checksum tells, it is believed."""
-        after = self._file.tell()
-        self._file.seek(footer.summary_start)
-        content = self._file.read(place + FOOTER_SIZE - 4 - footer.summary_start)
-        self._file.seek(after)
-        return footer.summary_crc in (0, zlib.crc32(content))
-
-    def _message(self, record: Message) -> RawMessage:
-        topic = self._catalogue.topics.get(record.channel_id)
-        if topic is None:
-            raise _DamageError(f"a message belongs to the unknown channel {record.channel_id}")
-        self._count += 1
-        return RawMessage(
-            topic.name,
-            topic.type,
-            record.data,
-            record.publish_time,
-            record.log_time,
-            record.sequence,
-        )
-
-    def _chunk(self, chunk: Chunk, place: int, *, is_cut: bool = False) -> Iterator[BagItem]:
-        records, problem = unpack(chunk, is_cut=is_cut)
-        is_foreign = chunk.compression not in _UNPACKERS
-        try:
-            yield from self._items_in(records)
-        except ForeignError:
-            raise
-        except _DamageError as error:
-            problem = problem or str(error)
-        except Exception:  # noqa: BLE001 - a stranger's chunk
-            problem = problem or "has a damaged record"
-        yield ChunkEnd()
-        if problem is not None:
-            self._is_damaged = True
-            yield Damage(f"a chunk {problem} (byte {place})", is_foreign=is_foreign)
-
-    def _cut_chunk(self, place: int) -> Iterator[BagItem]:
-        """Yield the whole messages of the chunk in which the file ends."""
-        self._file.seek(place)
-        source: Any = _Source(self._file, min(RECORD_LIMIT, self._size))
-        try:
-            opcode, length = _HEAD.unpack(self._file.read(_HEAD.size))
-            if opcode != _CHUNK or place + _HEAD.size + length <= self._size:
-                return
-            chunk = Chunk.read(ReadDataStream(source))
-            for item in self._chunk(chunk, place, is_cut=True):
-                if not isinstance(item, Damage):  # that it is torn is told
-                    yield item
-        except (ForeignError, OSError):
-            raise
-        except Exception:  # noqa: BLE001 - it is cut in its head
-            return
-
-    def _items_in(self, records: bytes) -> Iterator[BagItem]:
-        """Yield what is in an unpacked chunk; messages, of which there are many, on the spot."""
-        topics, end, size = self._catalogue.topics, 0, len(records)
-        while end < size:
-            opcode, length = _HEAD.unpack_from(records, end)
-            start = end + _HEAD.size
-            end = start + length
-            if end > size or opcode == 0:
-                raise _DamageError("has a damaged record")
-            if opcode == _MESSAGE:
-                channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(records, start)
-                topic = topics.get(channel)
-                if topic is None:
-                    raise _DamageError(f"has a message of the unknown channel {channel}")
-                data = records[start + _MESSAGE_HEAD.size : end]
-                self._count += 1
-                yield RawMessage(topic.name, topic.type, data, publish_ns, log_ns, sequence)
-            elif opcode == Opcode.SCHEMA:
-                self._catalogue.add_schema(Schema.read(_stream(records[start:end])))
-            elif opcode == Opcode.CHANNEL:
-                yield self._catalogue.add_channel(Channel.read(_stream(records[start:end])))
-
-    def _words(self, error: Exception, place: int) -> str:
-        """Say where and why the reading ends."""
-        match error:
-            case _DamageError():
-                return str(error)
-            case RecordLengthLimitExceeded() if self._size > RECORD_LIMIT:
-                return f"the record at byte {place} has more than {RECORD_LIMIT} bytes"
-            case EndOfFile() | struct.error() if place == self._size:
-                return f"it ends at byte {place} without a footer"
-            case EndOfFile() | struct.error() | RecordLengthLimitExceeded():
-                return f"it is torn at byte {place}"
-        return f"the record at byte {place} is damaged"
-
-
 def _stream(content: bytes) -> ReadDataStream:
-    source: Any = _Source(BufferedReader(BytesIO(content)), len(content))
-    return ReadDataStream(source)
+    """Make what mcap's records are read from; no length that one claims takes more memory."""
+    return ReadDataStream(BytesIO(content))
 
 
 # The content of a chunk.
+
+_COMPRESSIONS = ("", "zstd", "lz4")
 
 
 def unpack(chunk: Chunk, *, is_cut: bool = False) -> tuple[bytes, str | None]:
@@ -659,7 +612,7 @@ def unpack(chunk: Chunk, *, is_cut: bool = False) -> tuple[bytes, str | None]:
     size = chunk.uncompressed_size
     if size > RECORD_LIMIT:
         return b"", f"claims {size} bytes"
-    if chunk.compression not in _UNPACKERS:
+    if chunk.compression not in _COMPRESSIONS:
         return b"", f"has the unknown compression {chunk.compression[:_NAME_LIMIT]!r}"
     content = _decompress(chunk.compression, chunk.data, size)
     if is_cut:
@@ -673,45 +626,21 @@ def unpack(chunk: Chunk, *, is_cut: bool = False) -> tuple[bytes, str | None]:
 
     solid = chunk.data.rstrip(b"\0")
     if len(chunk.data) - len(solid) >= _SECTOR:
-        return _decompress(chunk.compression, solid, size)[:size], problem
-    return content[:size] if is_cut else b"", problem
+        return _decompress(chunk.compression, solid, size), problem
+    return content if is_cut else b"", problem
 
 
 def _decompress(compression: str, data: bytes, size: int) -> bytes:
-    """Return what data hold, up to where they break; little more than `size` bytes."""
-    pieces: list[bytes] = []
-    length = 0
+    """Return what data hold, up to where they are cut, at most a byte more than `size`."""
+    content = data[: size + 1]
     try:
-        for piece in _UNPACKERS[compression](data):
-            pieces.append(piece)
-            length += len(piece)
-            if length > size:
-                break
+        if compression == "zstd":
+            content = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+        elif compression == "lz4":
+            content = lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1)
     except Exception:  # noqa: BLE001 - the libraries raise errors of many kinds
-        pass
-    return b"".join(pieces)
-
-
-def _plain(data: bytes) -> Iterator[bytes]:
-    yield data
-
-
-def _zstd(data: bytes) -> Iterator[bytes]:
-    reader = zstandard.ZstdDecompressor().stream_reader(data)
-    yield from iter(partial(reader.read, _PIECE), b"")
-
-
-def _lz4(data: bytes) -> Iterator[bytes]:
-    decompressor = lz4.frame.LZ4FrameDecompressor()
-    while not decompressor.eof:
-        piece = decompressor.decompress(data, max_length=_PIECE)
-        data = b""
-        if not piece and decompressor.needs_input:
-            return
-        yield piece
-
-
-_UNPACKERS = {"": _plain, "zstd": _zstd, "lz4": _lz4}
+        return b""
+    return content
 
 
 # The files of a bag.

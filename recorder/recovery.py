@@ -177,15 +177,13 @@ def _recover_file(path: Path, folder_fd: int) -> tuple[Recovered, BagInformation
     with open_recording(path.name, folder_fd) as file:
         _lock(file, path.name)
         outline = _read(file, path)
-        topics = list(outline.topics.values())
-        information = BagInformation(
-            path.name, topics, outline.counts, outline.start_ns, outline.end_ns
-        )
-        cut, tail = _what_was_wrong(outline)
         torn = None
-        if cut:
+        if outline.damages:
             torn = _replace(file, path, folder_fd, outline)
-    return Recovered(path, outline.counts.total(), torn, None, cut, tail), information
+    cut = _damage_words(outline)
+    count = outline.counts.total()
+    recovered = Recovered(path, count, torn, None, cut, outline.tail_bytes)
+    return recovered, outline.information(path.name)
 
 
 def _lock(file: BufferedReader, name: str) -> None:
@@ -215,20 +213,17 @@ def _read(file: BufferedReader, path: Path) -> Outline:
     return outline
 
 
-def _what_was_wrong(outline: Outline) -> tuple[tuple[str, ...], int]:
-    """Return the damages in words, and the bytes of the unreadable end."""
+def _damage_words(outline: Outline) -> tuple[str, ...]:
     gaps = [damage.outcome for damage in outline.damages if damage.tail_bytes is None]
-    ends = [damage for damage in outline.damages if damage.tail_bytes is not None]
-    words = [*gaps[:_TOLD], *(damage.words for damage in ends)]
+    ends = [damage.words for damage in outline.damages if damage.tail_bytes is not None]
     if len(gaps) > _TOLD:
-        words.append(f"{len(gaps) - _TOLD} more chunks are left out")
-    return tuple(words), sum(damage.tail_bytes or 0 for damage in ends)
+        ends.append(f"{len(gaps) - _TOLD} more chunks are left out")
+    return (*gaps[:_TOLD], *ends)
 
 
 def _replace(file: BufferedReader, path: Path, folder_fd: int, outline: Outline) -> Path | None:
     """Put what can be read in the place of a file; returns where that is kept."""
     part = path.name + _PART
-    tail = sum(damage.tail_bytes or 0 for damage in outline.damages)
     is_cut_off = all(damage.tail_bytes is not None for damage in outline.damages)
     remove(folder_fd, part)
     new = BagFile(folder_fd, part, listed_as=path.name)  # it is locked up to the end
@@ -239,7 +234,7 @@ def _replace(file: BufferedReader, path: Path, folder_fd: int, outline: Outline)
         if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
             raise RecorderError(f"{path} is being written; end its recording, then try again")
         torn = None
-        if not (is_evidence(path.name) and is_cut_off and tail <= _LARGEST_END):
+        if not (is_evidence(path.name) and is_cut_off and outline.tail_bytes <= _LARGEST_END):
             torn = path.with_name(_keep(folder_fd, path.name))
         os.rename(part, path.name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
         os.fsync(folder_fd)
@@ -261,8 +256,7 @@ def _copy(file: BufferedReader, new: BagFile, outline: Outline) -> None:
                 new.register(item)
             case Metadata() if item.name != ROSBAG2_RECORD:  # it is made anew
                 new.add_record(item.name, item.metadata)
-    tail = sum(damage.tail_bytes or 0 for damage in outline.damages)
-    record = {"problem": outline.damages[0].outcome, "tail_bytes": str(tail)}
+    record = {"problem": outline.damages[0].outcome, "tail_bytes": str(outline.tail_bytes)}
     new.add_record(RECOVERY_RECORD, record)
     new.finish()
 

@@ -287,6 +287,7 @@ def test_a_claim_is_no_reason_to_take_memory(tmp_path: Path, content: bytes) -> 
     ("record", "words"),
     [
         (framed(0x05, b"", 2**31), "has more than 134217728 bytes"),
+        (framed(0x03, b"\x02\x00" + TWO_GB), ""),
     ],
 )
 def test_no_claim_of_two_gigabytes_is_read_into_memory(
