@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -112,6 +112,15 @@ def write_metadata(folder_fd: int, information: BagInformation) -> None:
     except OSError:
         remove(folder_fd, part)
         raise
+
+
+@contextmanager
+def open_folder(folder: Path) -> Iterator[int]:
+    fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        yield fd
+    finally:
+        os.close(fd)
 
 
 def remove(folder_fd: int, name: str) -> None:

@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE, SeekingReader
 from mcap.records import Channel, Chunk, ChunkIndex, Metadata, Schema, Statistics
@@ -69,6 +70,10 @@ class ForeignError(Exception):
 
 class _DamageError(Exception):
     """A part of a file cannot be read; says why."""
+
+
+_BROKEN = (EOFError, IndexError, OverflowError, ValueError, McapError, struct.error)
+"""What mcap raises over a record of a stranger's file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,30 +179,34 @@ class Bag:
         """
         paths = sorted(self._outlines, key=self._first_time)
         starts = [start for path in paths for start in self._outlines[path].chunk_starts]
-        messages = self._stored_messages(paths)
+        items = self._all_items(paths)
         if starts == sorted(starts):
-            yield from messages
+            for item in items:
+                if isinstance(item, RawMessage):
+                    yield item
             return
 
         held: list[RawMessage] = []
         size = 0
-        for message in messages:
-            held.append(message)
-            size += len(message.data) + _OVERHEAD_BYTES
+        outline = Outline()  # of what can be read: a damaged chunk is of no order
+        for item in items:
+            outline.add(item)
+            if isinstance(item, RawMessage):
+                held.append(item)
+                size += len(item.data) + _OVERHEAD_BYTES
             if size > HELD_LIMIT:
                 self._note_problem(self.path, "it is too large to be put in the order of its times")
                 break
-        held.sort(key=lambda message: message.receive_ns)
+        if outline.chunk_starts != sorted(outline.chunk_starts):
+            held.sort(key=lambda message: message.receive_ns)
         yield from held
 
     def _first_time(self, path: Path) -> int:
         return min(self._outlines[path].chunk_starts, default=0)
 
-    def _stored_messages(self, paths: Iterable[Path]) -> Iterator[RawMessage]:
+    def _all_items(self, paths: Iterable[Path]) -> Iterator[BagItem]:
         for path in paths:
-            for item in self._items(path):
-                if isinstance(item, RawMessage):
-                    yield item
+            yield from self._items(path)
 
     def nearest(self, topic: str, at_ns: int, within_ns: int) -> RawMessage | None:
         """Return the message of a topic that was received nearest to an instant.
@@ -433,11 +442,9 @@ class FileReading:
                 opcode, content, is_cut = self._record_at(place)
                 yield from self._record(opcode, content, place, is_cut=is_cut)
                 place += _HEAD.size + len(content)
-        except (ForeignError, OSError):
-            raise
         except _DamageError as error:
             yield Damage(str(error), self._size - place)
-        except Exception:  # noqa: BLE001 - a stranger's file
+        except _BROKEN:
             yield Damage(f"the record at byte {place} is damaged", self._size - place)
         else:
             if self._stated not in (None, self._count) and not self._is_damaged:
@@ -449,9 +456,7 @@ class FileReading:
             place = index.chunk_start_offset
             try:
                 yield from self._chunk(self._record_at(place)[1], place)
-            except OSError:
-                raise
-            except Exception:  # noqa: BLE001 - a stranger's file
+            except (_DamageError, *_BROKEN):
                 yield Damage(f"a chunk is not where it should be (byte {place})")
 
     def _record_at(self, place: int) -> tuple[int, bytes, bool]:
@@ -501,22 +506,22 @@ class FileReading:
                 yield ChunkEnd()
 
     def _chunk(self, content: bytes, place: int, *, is_cut: bool = False) -> Iterator[BagItem]:
-        chunk = Chunk.read(_stream(content))
-        records, problem = unpack(chunk, is_cut=is_cut)
+        problem = None
+        is_foreign = False
         try:
+            chunk = Chunk.read(ReadDataStream(BytesIO(content)) if is_cut else _stream(content))
+            is_foreign = chunk.compression not in _COMPRESSIONS
+            records, problem = unpack(chunk, is_cut=is_cut)
             yield from self._items_in(records)
-        except ForeignError:
-            raise
         except _DamageError as error:
             problem = problem or f"is of no use: {error}"
-        except Exception:  # noqa: BLE001 - a stranger's chunk
+        except _BROKEN:
             problem = problem or "has a damaged record"
         yield ChunkEnd()
         if is_cut:
             raise _DamageError(f"it is torn at byte {place}")
         if problem is not None:
             self._is_damaged = True
-            is_foreign = chunk.compression not in _COMPRESSIONS
             yield Damage(f"a chunk {problem} (byte {place})", is_foreign=is_foreign)
 
     def _items_in(self, records: bytes) -> Iterator[BagItem]:
@@ -593,9 +598,18 @@ def _text_size(metadata: dict[str, str]) -> int:
     return sum(len(key) + len(value) for key, value in metadata.items())
 
 
+class _Content(BytesIO):
+    """The content of a record; it may claim no more than there is."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        if len(data) < (size or 0):
+            raise EOFError
+        return data
+
+
 def _stream(content: bytes) -> ReadDataStream:
-    """Make what mcap's records are read from; no length that one claims takes more memory."""
-    return ReadDataStream(BytesIO(content))
+    return ReadDataStream(_Content(content))
 
 
 # The content of a chunk.

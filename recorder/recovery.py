@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import fcntl
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from io import BufferedReader
 from itertools import count
@@ -27,7 +28,7 @@ from recorder.bag import (
     Topic,
     is_evidence,
 )
-from recorder.evidence import listing, put_listing, remove, summarised
+from recorder.evidence import listing, open_folder, put_listing, remove, summarised
 from recorder.reader import (
     RECOVERY_RECORD,
     ChunkEnd,
@@ -89,10 +90,9 @@ def recover(path: Path) -> Recovered:
     What the reader reads is kept, with its bytes, order and both times, and types, channels, QoS
     and metadata records. Raises RecorderError; nothing is then lost.
     """
-    try:
+    with _refusals(path):
         file, is_alone = _recording_at(path)
-        folder_fd = os.open(file.parent, os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
+        with open_folder(file.parent) as folder_fd:
             recovered, information = _recover_file(file, folder_fd)
             if is_alone and (recovered.cut or not _is_listed(folder_fd, file.parent, information)):
                 put_listing(folder_fd, information)
@@ -103,31 +103,28 @@ def recover(path: Path) -> Recovered:
                 evidence, hopeless = _recover_evidence(path, folder_fd)
                 recovered = replace(recovered, evidence=evidence, hopeless=hopeless)
             return recovered
-        finally:
-            os.close(folder_fd)
-    except ForeignError as error:
-        raise not_a_bag(path, error) from None
-    except OSError as error:
-        raise _refused(path, error) from None
 
 
 def recover_evidence(folder: Path) -> tuple[Recovered, ...]:
     """Repair the evidence of a bag; the recording is left alone."""
+    with _refusals(folder), open_folder(folder) as folder_fd:
+        return _recover_evidence(folder, folder_fd)[0]
+
+
+@contextmanager
+def _refusals(path: Path) -> Iterator[None]:
+    """Say in words why something cannot be repaired."""
     try:
-        folder_fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            return _recover_evidence(folder, folder_fd)[0]
-        finally:
-            os.close(folder_fd)
+        yield
+    except ForeignError as error:
+        if is_evidence(path.name):
+            raise RecorderError(f"{path} is no evidence: {error}; remove it") from None
+        raise not_a_bag(path, error) from None
     except OSError as error:
-        raise _refused(folder, error) from None
-
-
-def _refused(path: Path, error: OSError) -> RecorderError:
-    return RecorderError(
-        f"cannot repair {path}: {error.strerror or error}; nothing is lost, "
-        "check the path, and whether its disk has room and can be written"
-    )
+        raise RecorderError(
+            f"cannot repair {path}: {error.strerror or error}; nothing is lost, "
+            "check the path, and whether its disk has room and can be written"
+        ) from None
 
 
 def _recording_at(path: Path) -> tuple[Path, bool]:
@@ -161,13 +158,10 @@ def _recover_evidence(
         if summarised(folder_fd, name) is not None:
             continue
         try:
-            done.append(_recover_file(folder / name, folder_fd)[0])
-        except ForeignError as error:
-            hopeless.append(f"{folder / name} is no evidence: {error}; remove it")
+            with _refusals(folder / name):
+                done.append(_recover_file(folder / name, folder_fd)[0])
         except RecorderError as error:
             hopeless.append(str(error))
-        except OSError as error:
-            hopeless.append(str(_refused(folder / name, error)))
     if any(file.cut for file in done):
         put_listing(folder_fd)
     return tuple(done), tuple(hopeless)

@@ -34,7 +34,8 @@ from recorder.bag import (
     qos_text,
     topic_problem,
 )
-from recorder.evidence import FurtherFile, put_listing, remove
+from recorder.evidence import FurtherFile, open_folder, put_listing, remove
+from recorder.reader import Outline
 
 ROSBAG2_RECORD = "rosbag2"
 """The metadata record in which rosbag2 repeats `metadata.yaml`."""
@@ -195,9 +196,19 @@ class BagWriter:
             for message in messages:
                 cost = len(message.data) + _OVERHEAD_BYTES
                 self._received[message.topic] += 1
-                while self._block and self._is_writing() and not self._has_room(cost):
-                    self._wait_for_room()
-                if self._takes(message) and self._has_room(cost):
+                while self._block and not self._has_room(cost) and self._is_emptying():
+                    self._blocked += 1
+                    self._changed.notify_all()
+                    self._changed.wait()
+                    self._blocked -= 1
+                topic = self._topics.get(message.topic)
+                is_fitting = (
+                    topic is not None
+                    and topic.type == message.type
+                    and 0 <= message.receive_ns < MAX_NS
+                    and 0 <= message.publish_ns < MAX_NS
+                )
+                if is_fitting and self._is_accepting and self._has_room(cost):
                     self._enqueue(message, cost)
                     accepted += 1
                 else:
@@ -265,29 +276,12 @@ class BagWriter:
     def _is_accepting(self) -> bool:
         return self._state is RecorderState.RECORDING and not self._closing
 
-    def _takes(self, message: RawMessage) -> bool:
-        """Whether the bag can hold a message, if there is room."""
-        topic = self._topics.get(message.topic)
-        return (
-            self._is_accepting
-            and topic is not None
-            and topic.type == message.type
-            and 0 <= message.receive_ns < MAX_NS
-            and 0 <= message.publish_ns < MAX_NS
-        )
-
     def _has_room(self, cost: int) -> bool:
         return self._queued + self._unsaved + cost <= self._memory_bytes
 
-    def _is_writing(self) -> bool:
-        """Whether there will be room, because the disk takes what waits."""
+    def _is_emptying(self) -> bool:
+        """Whether the disk takes what waits, so that there will be room."""
         return self._is_accepting and self._error is None and self._queued + self._unsaved > 0
-
-    def _wait_for_room(self) -> None:
-        self._blocked += 1
-        self._changed.notify_all()
-        self._changed.wait()
-        self._blocked -= 1
 
     def _enqueue(self, item: _Item, cost: int) -> None:
         self._queue.append((cost, item))
@@ -325,7 +319,8 @@ class BagWriter:
                 if isinstance(self._place, Path):
                     undo.callback(remove, self._folder_fd, METADATA_FILE)
                     put_listing(self._folder_fd, file.information())
-                    _sync_folder(self.folder.parent)
+                    with open_folder(self.folder.parent) as parent_fd:
+                        os.fsync(parent_fd)  # its names survive a power cut then
                 os.fsync(self._folder_fd)
             except FileExistsError as error:
                 raise RecorderError(
@@ -338,7 +333,7 @@ class BagWriter:
                     "choose a folder that exists and can be written, on a disk with room"
                 ) from None
             undo.pop_all()
-        self._file_bytes = file.size
+        self._file_bytes = file.disk.size
         self._synced = self._clock()
         self._next_sync = self._synced + self._flush_period
         return file
@@ -360,13 +355,18 @@ class BagWriter:
             closing, refusal = False, None
             while not closing:
                 batch, cost, closing = self._take_batch()
-                if refusal := self._refusal(file, cost):
+                if isinstance(self._place, FurtherFile):
+                    refusal = self._place.refusal(file.disk.tell(), cost)
+                if refusal:
                     file.sync()
                     self._report(file, cost)
-                    self._end_evidence(refusal)
+                    with self._changed:
+                        self._closing = True
+                        self._error = refusal
+                        self._lose_rest()
                     break
                 for item in batch:
-                    self._add(file, item)
+                    file.add(item)
                 if self._blocked or self._clock() >= self._next_sync:
                     self._sync(file)
                 self._report(file, cost)
@@ -398,15 +398,6 @@ class BagWriter:
                 cost += item_cost
             return batch, cost, self._closing and not self._queue
 
-    def _add(self, file: BagFile, item: _Item) -> None:
-        match item:
-            case RawMessage():
-                file.add_message(item)
-            case Topic():
-                file.register(item)
-            case (name, content):
-                file.add_record(name, content)
-
     def _sync(self, file: BagFile) -> None:
         """Bring all to the disk; what it refuses is tried again at the next sync."""
         now = self._clock()
@@ -426,26 +417,15 @@ class BagWriter:
                 self._error = problem
                 self._synced = self._synced if problem else now
 
-    def _refusal(self, file: BagFile, coming: int) -> str | None:
-        if isinstance(self._place, FurtherFile):
-            return self._place.refusal(file.size + file.unsaved, coming)
-        return None
-
-    def _end_evidence(self, refusal: str) -> None:
-        with self._changed:
-            self._closing = True
-            self._error = refusal
-            self._lose_rest()
-
     def _report(self, file: BagFile, done: int) -> None:
         with self._changed:
             if self._state is RecorderState.FAILED:  # given up on; the account is closed
                 return
             self._recorded = file.recorded
-            self._end_ns = file.end_ns
-            self._file_bytes = file.size
+            self._end_ns = file.outline.end_ns
+            self._file_bytes = file.disk.size
             self._queued -= done
-            self._unsaved = file.unsaved
+            self._unsaved = len(file.disk.waiting)
             self._changed.notify_all()
 
     def _fail(self, error: Exception) -> None:
@@ -479,8 +459,8 @@ class BagFile:
     Raises OSError where the disk refuses.
 
     Attributes:
+        outline: what was added.
         recorded: messages on the disk, by topic.
-        start_ns, end_ns: first and last log time; None without messages.
     """
 
     def __init__(self, folder_fd: int, name: str, listed_as: str | None = None) -> None:
@@ -489,26 +469,13 @@ class BagFile:
         fd = os.open(name, flags, 0o666, dir_fd=folder_fd)
         with suppress(OSError):  # not every network disk has locks
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        self._disk = _Disk(fd)
-        output: Any = self._disk
+        self.disk = Disk(fd)
+        output: Any = self.disk
         self._writer = Writer(output, CHUNK_BYTES, CompressionType.ZSTD)
-        self._topics: dict[str, Topic] = {}
         self._channels: dict[str, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
-        self._counts: Counter[str] = Counter()
+        self.outline = Outline()
         self.recorded: Counter[str] = Counter()
-        self.start_ns: int | None = None
-        self.end_ns: int | None = None
-
-    @property
-    def size(self) -> int:
-        """Bytes on the disk."""
-        return self._disk.size
-
-    @property
-    def unsaved(self) -> int:
-        """Bytes that wait for the disk."""
-        return len(self._disk.waiting)
 
     def start(self, topics: Iterable[Topic], records: Mapping[str, Mapping[str, str]]) -> None:
         """Write the header and the records, and register the topics; on disk on return."""
@@ -520,7 +487,7 @@ class BagFile:
         self.sync()
 
     def register(self, topic: Topic) -> None:
-        if topic.name in self._topics:
+        if topic.name in self._channels:
             return
         key = (topic.type, topic.definition)
         if key not in self._schemas:
@@ -528,24 +495,30 @@ class BagFile:
             definition = topic.definition.encode()
             self._schemas[key] = self._writer.register_schema(topic.type, encoding, definition)
         told = {"offered_qos_profiles": qos_text(topic.qos), "topic_type_hash": topic.type_hash}
-        self._topics[topic.name] = topic
+        self.outline.add(topic)
         self._channels[topic.name] = self._writer.register_channel(
             topic.name, MessageEncoding.CDR, self._schemas[key], told
         )
 
     def add_message(self, message: RawMessage) -> None:
         """Append a message of a registered topic."""
-        time_ns = message.receive_ns
         self._writer.add_message(
             self._channels[message.topic],
-            time_ns,
+            message.receive_ns,
             message.data,
             message.publish_ns,
             message.sequence & 0xFFFF_FFFF,
         )
-        self._counts[message.topic] += 1
-        self.start_ns = time_ns if self.start_ns is None else min(time_ns, self.start_ns)
-        self.end_ns = time_ns if self.end_ns is None else max(time_ns, self.end_ns)
+        self.outline.add(message)
+
+    def add(self, item: _Item) -> None:
+        match item:
+            case RawMessage():
+                self.add_message(item)
+            case Topic():
+                self.register(item)
+            case (name, record):
+                self.add_record(name, record)
 
     def add_record(self, name: str, record: Mapping[str, str]) -> None:
         self.end_chunk()  # it stands behind what came before it
@@ -557,33 +530,22 @@ class BagFile:
     def sync(self) -> None:
         """Bring everything to the disk; OSError also if the file was deleted."""
         self.end_chunk()
-        self._disk.carry()
-        self.recorded = self._counts.copy()
+        self.disk.carry()
+        self.recorded = self.outline.counts.copy()
 
     def information(self) -> BagInformation:
-        topics = list(self._topics.values())
-        return BagInformation(self.name, topics, self._counts, self.start_ns, self.end_ns)
+        return self.outline.information(self.name)
 
     def finish(self) -> None:
         """Add the record `rosbag2`, the indexes and the summary; on disk on return."""
         record = {"serialized_metadata": self.information().serialized_metadata()}
-        self.end_chunk()
-        self._writer.add_metadata(ROSBAG2_RECORD, record)
+        self.add_record(ROSBAG2_RECORD, record)
         self._writer.finish()  # type: ignore[no-untyped-call]
         self.sync()
 
     def close(self) -> None:
         """Close it; what waits for the disk is lost."""
-        self._disk.close()
-
-
-def _sync_folder(folder: Path) -> None:
-    """Bring the names in a folder to the disk: they survive a power cut then."""
-    fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)
+        self.disk.close()
 
 
 def _text(value: str) -> str:
@@ -591,8 +553,13 @@ def _text(value: str) -> str:
     return value.encode("utf-8", "backslashreplace").decode()
 
 
-class _Disk:
-    """A stream for mcap's writer that never refuses; `carry` takes its bytes to the file."""
+class Disk:
+    """A stream for mcap's writer that never refuses; `carry` takes its bytes to the file.
+
+    Attributes:
+        waiting: bytes that the disk has not taken yet.
+        size: bytes on the disk.
+    """
 
     def __init__(self, fd: int) -> None:
         self._fd = fd
