@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-import threading
 from collections import Counter
 from collections.abc import Callable
 from io import BufferedReader, FileIO
@@ -299,10 +298,8 @@ FRAMES = [
 CAMERA_TOPIC = Topic("/camera", "sensor_msgs/msg/Image", "uint8[] data\n")
 
 
-def recorded(
-    folder: Path, refusal: Callable[[int, int], str | None], memory_bytes: int = 2**26
-) -> BagWriter:
-    return BagWriter(FurtherFile(folder, 0, refusal), [CAMERA_TOPIC], {}, memory_bytes=memory_bytes)
+def recorded(folder: Path, refusal: Callable[[int, int], str | None]) -> BagWriter:
+    return BagWriter(FurtherFile(folder, 0, refusal), [CAMERA_TOPIC], {})
 
 
 def test_evidence_without_room_ends_in_a_whole_file_and_is_counted(folder: Path) -> None:
@@ -321,22 +318,6 @@ def test_evidence_without_room_ends_in_a_whole_file_and_is_counted(folder: Path)
     kept = list(bag.messages())
     assert (kept, bag.complete) == (FRAMES[: len(kept)], True)
     assert (stats.recorded, stats.lost) == ({"/camera": len(kept)}, {"/camera": 21 - len(kept)})
-
-
-def test_evidence_takes_no_more_memory_than_it_may(folder: Path) -> None:
-    go_on = threading.Event()
-
-    def wait(_size: int, _coming: int) -> None:
-        go_on.wait()
-
-    with (  # noqa: PT012  the end of the block raises
-        pytest.raises(RecorderError, match="not in the bag: /camera"),
-        recorded(folder, wait, 3_000_000) as camera,
-    ):
-        kept = [message for message in FRAMES if camera.put_message(message)]
-        assert camera.stats().memory_bytes <= 3_000_000
-        go_on.set()
-    assert list(Bag(folder, evidence=True).messages()) == kept
 
 
 def test_evidence_that_cannot_be_recorded_leaves_nothing(folder: Path) -> None:

@@ -144,17 +144,6 @@ def test_no_file_stays_open(tmp_path: Path) -> None:
     assert here() == []
 
 
-def test_a_disk_that_takes_little_at_a_time_gets_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    messages, real = strings(["x" * 900] * 100), os.pwrite
-    monkeypatch.setattr(os, "pwrite", lambda fd, data, place: real(fd, data[:100], place))
-    with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
-        assert writer.put_all(messages) == len(messages)
-    read = Bag(tmp_path / "bag")
-    assert (list(read.messages()), read.complete) == (messages, True)
-
-
 def test_nothing_is_lost_while_a_full_disk_gets_room_in_time(tmp_path: Path) -> None:
     sent = [blob(number) for number in range(50)]
     with BagWriter(tmp_path / "bag", [BLOB], {}, flush_period=0.02) as writer:
