@@ -72,7 +72,7 @@ class _DamageError(Exception):
     """A part of a file cannot be read; says why."""
 
 
-_BROKEN = (EOFError, IndexError, OverflowError, ValueError, McapError, struct.error)
+_BROKEN = (EOFError, LookupError, OverflowError, ValueError, McapError, struct.error)
 """What mcap raises over a record of a stranger's file."""
 
 
@@ -177,7 +177,9 @@ class Bag:
         messages come as they are stored; else all are sorted by log time, in memory. Damaged
         chunks are left out. `problem` tells them, and a torn end.
         """
-        paths = sorted(self._outlines, key=self._first_time)
+        paths = sorted(
+            self._outlines, key=lambda path: min(self._outlines[path].chunk_starts, default=0)
+        )
         starts = [start for path in paths for start in self._outlines[path].chunk_starts]
         items = self._all_items(paths)
         if starts == sorted(starts):
@@ -200,9 +202,6 @@ class Bag:
         if outline.chunk_starts != sorted(outline.chunk_starts):
             held.sort(key=lambda message: message.receive_ns)
         yield from held
-
-    def _first_time(self, path: Path) -> int:
-        return min(self._outlines[path].chunk_starts, default=0)
 
     def _all_items(self, paths: Iterable[Path]) -> Iterator[BagItem]:
         for path in paths:
@@ -389,8 +388,7 @@ def _summary_outline(file: BufferedReader) -> Outline | None:
     for channel in summary.channels.values():
         outline.add(reading.add_channel(channel))
     for index in metadata:
-        file.seek(index.offset + _HEAD.size)
-        outline.add(Metadata.read(_stream(file.read(index.length - _HEAD.size))))
+        outline.add(Metadata.read(_stream(reading.record_at(index.offset)[1])))
     for number, count in statistics.channel_message_counts.items():
         outline.counts[reading.topics[number].name] += count
     if statistics.message_count:
@@ -439,7 +437,7 @@ class FileReading:
         try:
             opcode = 0
             while opcode != Opcode.FOOTER:
-                opcode, content, is_cut = self._record_at(place)
+                opcode, content, is_cut = self.record_at(place)
                 yield from self._record(opcode, content, place, is_cut=is_cut)
                 place += _HEAD.size + len(content)
         except _DamageError as error:
@@ -455,11 +453,11 @@ class FileReading:
         for index in chunks:
             place = index.chunk_start_offset
             try:
-                yield from self._chunk(self._record_at(place)[1], place)
+                yield from self._chunk(self.record_at(place)[1], place)
             except (_DamageError, *_BROKEN):
                 yield Damage(f"a chunk is not where it should be (byte {place})")
 
-    def _record_at(self, place: int) -> tuple[int, bytes, bool]:
+    def record_at(self, place: int) -> tuple[int, bytes, bool]:
         """Return opcode and content of a record, and whether it is the chunk the file ends in."""
         self._file.seek(place)
         head = self._file.read(_HEAD.size)

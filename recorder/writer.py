@@ -352,7 +352,8 @@ class BagWriter:
 
     def _run(self, file: BagFile) -> None:
         try:
-            closing, refusal = False, None
+            closing = False
+            refusal = None
             while not closing:
                 batch, cost, closing = self._take_batch()
                 if isinstance(self._place, FurtherFile):
@@ -439,7 +440,8 @@ class BagWriter:
             if isinstance(error, FileNotFoundError):  # the file or its folder was deleted
                 outcome = "what was written is lost, find out what deletes it before the next run"
                 self._recorded = Counter()
-                self._end_ns, self._file_bytes = None, 0
+                self._end_ns = None
+                self._file_bytes = 0
             failed = f"recording to {self.folder} failed: {cause}; {outcome}"
             self._error = str(error) if isinstance(error, RecorderError) else failed
             self._lose_rest()
