@@ -13,7 +13,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
@@ -57,7 +57,7 @@ class RecorderState(StrEnum):
     FINISHED = "finished"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RecorderStats:
     """A recorder at one instant; messages per topic.
 
@@ -72,15 +72,15 @@ class RecorderStats:
     """
 
     folder: Path
-    state: RecorderState
-    received: Mapping[str, int]
-    recorded: Mapping[str, int]
-    lost: Mapping[str, int]
-    memory_bytes: int
-    file_bytes: int
-    seconds_since_sync: float | None
-    end_ns: int | None
-    error: str | None
+    state: RecorderState = RecorderState.CLOSED
+    received: Counter[str] = field(default_factory=Counter)
+    recorded: Counter[str] = field(default_factory=Counter)
+    lost: Counter[str] = field(default_factory=Counter)
+    memory_bytes: int = 0
+    file_bytes: int = 0
+    seconds_since_sync: float | None = None
+    end_ns: int | None = None
+    error: str | None = None
 
 
 _Item: TypeAlias = RawMessage | Topic | tuple[str, dict[str, str]]
@@ -126,26 +126,20 @@ class BagWriter:
         self._topics: dict[str, Topic] = {}
         for topic in topics:
             self._topics.setdefault(topic.name, topic)
-        self._state = RecorderState.CLOSED
+        self._stats = RecorderStats(self.folder)
         self._closing = False
         self._blocked = 0
         self._queue: deque[tuple[int, _Item]] = deque()
         self._queued = 0
         self._unsaved = 0
-        self._received: Counter[str] = Counter()
-        self._recorded: Counter[str] = Counter()
-        self._lost: Counter[str] = Counter()
-        self._end_ns: int | None = None
-        self._file_bytes = 0
         self._synced: float | None = None
-        self._error: str | None = None
 
     def open(self) -> None:
         """Make the bag, its header, records and `metadata.yaml` on disk, and record.
 
         RecorderError leaves nothing behind.
         """
-        if self._state is not RecorderState.CLOSED or self._closing:
+        if self._stats.state is not RecorderState.CLOSED or self._closing:
             raise RecorderError(f"{self.folder} was recorded or closed before; make a new recorder")
         self._start(self._run, self._create())
 
@@ -162,7 +156,7 @@ class BagWriter:
         self._thread = threading.Thread(
             target=target, args=(argument,), name="recorder", daemon=True
         )
-        self._state = RecorderState.RECORDING
+        self._stats.state = RecorderState.RECORDING
         self._thread.start()
 
     def __enter__(self) -> Self:
@@ -195,7 +189,7 @@ class BagWriter:
         with self._changed:
             for message in messages:
                 cost = len(message.data) + _OVERHEAD_BYTES
-                self._received[message.topic] += 1
+                self._stats.received[message.topic] += 1
                 while self._block and not self._has_room(cost) and self._is_emptying():
                     self._blocked += 1
                     self._changed.notify_all()
@@ -212,7 +206,7 @@ class BagWriter:
                     self._enqueue(message, cost)
                     accepted += 1
                 else:
-                    self._lost[message.topic] += 1
+                    self._stats.lost[message.topic] += 1
         return accepted
 
     def add_topic(self, topic: Topic) -> bool:
@@ -239,17 +233,13 @@ class BagWriter:
     def stats(self) -> RecorderStats:
         now = self._clock()
         with self._changed:
-            return RecorderStats(
-                folder=self.folder,
-                state=self._state,
-                received=dict(self._received),
-                recorded=dict(self._recorded),
-                lost=dict(self._lost),
+            return replace(
+                self._stats,
+                received=self._stats.received.copy(),
+                recorded=self._stats.recorded.copy(),
+                lost=self._stats.lost.copy(),
                 memory_bytes=self._queued + self._unsaved,
-                file_bytes=self._file_bytes,
                 seconds_since_sync=None if self._synced is None else now - self._synced,
-                end_ns=self._end_ns,
-                error=self._error,
             )
 
     def finish(self) -> None:
@@ -274,14 +264,14 @@ class BagWriter:
 
     @property
     def _is_accepting(self) -> bool:
-        return self._state is RecorderState.RECORDING and not self._closing
+        return self._stats.state is RecorderState.RECORDING and not self._closing
 
     def _has_room(self, cost: int) -> bool:
         return self._queued + self._unsaved + cost <= self._memory_bytes
 
     def _is_emptying(self) -> bool:
         """Whether the disk takes what waits, so that there will be room."""
-        return self._is_accepting and self._error is None and self._queued + self._unsaved > 0
+        return self._is_accepting and self._stats.error is None and self._queued + self._unsaved > 0
 
     def _enqueue(self, item: _Item, cost: int) -> None:
         self._queue.append((cost, item))
@@ -333,7 +323,7 @@ class BagWriter:
                     "choose a folder that exists and can be written, on a disk with room"
                 ) from None
             undo.pop_all()
-        self._file_bytes = file.disk.size
+        self._stats.file_bytes = file.disk.size
         self._synced = self._clock()
         self._next_sync = self._synced + self._flush_period
         return file
@@ -363,7 +353,7 @@ class BagWriter:
                     self._report(file, cost)
                     with self._changed:
                         self._closing = True
-                        self._error = refusal
+                        self._stats.error = refusal
                         self._lose_rest()
                     break
                 for item in batch:
@@ -376,9 +366,9 @@ class BagWriter:
             put_listing(self._folder_fd, recording)
             self._report(file, 0)
             with self._changed:
-                if self._state is RecorderState.RECORDING:
-                    self._state = RecorderState.FINISHED
-                    self._error = refusal  # what the disk refused before is there now
+                if self._stats.state is RecorderState.RECORDING:
+                    self._stats.state = RecorderState.FINISHED
+                    self._stats.error = refusal  # what the disk refused before is there now
         except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on
             self._report(file, 0)
             self._fail(error)
@@ -414,17 +404,17 @@ class BagWriter:
                 "what comes waits in memory: make room, or see to the disk"
             )
         with self._changed:
-            if self._state is RecorderState.RECORDING:  # else it was given up on
-                self._error = problem
+            if self._stats.state is RecorderState.RECORDING:  # else it was given up on
+                self._stats.error = problem
                 self._synced = self._synced if problem else now
 
     def _report(self, file: BagFile, done: int) -> None:
         with self._changed:
-            if self._state is RecorderState.FAILED:  # given up on; the account is closed
+            if self._stats.state is RecorderState.FAILED:  # given up on; the account is closed
                 return
-            self._recorded = file.recorded
-            self._end_ns = file.outline.end_ns
-            self._file_bytes = file.disk.size
+            self._stats.recorded = file.recorded
+            self._stats.end_ns = file.outline.end_ns
+            self._stats.file_bytes = file.disk.size
             self._queued -= done
             self._unsaved = len(file.disk.waiting)
             self._changed.notify_all()
@@ -434,20 +424,20 @@ class BagWriter:
         cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
         outcome = "what was written stays readable, check the disk and its room"
         with self._changed:
-            if self._state is not RecorderState.RECORDING:
+            if self._stats.state is not RecorderState.RECORDING:
                 return
-            self._state = RecorderState.FAILED
+            self._stats.state = RecorderState.FAILED
             if isinstance(error, FileNotFoundError):  # the file or its folder was deleted
                 outcome = "what was written is lost, find out what deletes it before the next run"
-                self._recorded = Counter()
-                self._end_ns = None
-                self._file_bytes = 0
+                self._stats.recorded = Counter()
+                self._stats.end_ns = None
+                self._stats.file_bytes = 0
             failed = f"recording to {self.folder} failed: {cause}; {outcome}"
-            self._error = str(error) if isinstance(error, RecorderError) else failed
+            self._stats.error = str(error) if isinstance(error, RecorderError) else failed
             self._lose_rest()
 
     def _lose_rest(self) -> None:
-        self._lost = self._received - self._recorded
+        self._stats.lost = self._stats.received - self._stats.recorded
         self._queue.clear()
         self._queued = self._unsaved = 0
         self._changed.notify_all()
