@@ -10,8 +10,9 @@ from statistics import median
 
 from madrob_console.common.clock import nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import HEAD, TopicMapping, begins_with_header, header_stamp
-from madrob_console.messages.message_types import types_of
+from madrob_console.messages.codec import HEAD, begins_with_header, header_stamp
+from madrob_console.messages.mapping import TopicMapping
+from madrob_console.messages.types import types_of
 from recorder import RecorderError
 from recorder.bag import RawMessage, Topic, is_evidence
 from recorder.reader import Bag

@@ -18,7 +18,7 @@ from PIL import Image, UnidentifiedImageError
 from madrob_console.archive.nearest_frames import PICTURE_TYPES, SIDE
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.messages.message_types import Message, MessageError, standard_types
+from madrob_console.messages.types import Message, MessageError, standard_types
 from recorder.bag import RawMessage
 
 MOST_MESSAGE = 32_000_000

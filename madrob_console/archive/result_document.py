@@ -15,7 +15,7 @@ import msgspec
 from madrob_console.archive.file_digests import FileDigest
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.common.names import SourceKind, is_rehearsal
-from madrob_console.messages.topic_mapping import TopicMapping
+from madrob_console.messages.mapping import TopicMapping
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.protests import Protest, open_protests

@@ -23,7 +23,7 @@ from madrob_console.common.files import atomic_writes, replaced_folder
 from madrob_console.common.names import terminal_safe
 from madrob_console.common.plain_files import read_all
 from madrob_console.common.stored_json import decode
-from madrob_console.messages.codec import TopicMapping
+from madrob_console.messages.mapping import TopicMapping
 from recorder import RecorderError
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, is_rehearsal
 from madrob_console.common.stored_json import decode
-from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.flags import RECORD_LOST
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import after

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from itertools import product, takewhile
+from itertools import takewhile
 from pathlib import Path
 from typing import TypeVar
 
@@ -29,7 +29,7 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, terminal_safe
 from madrob_console.common.plain_files import Stamp, read_all, refusal, stamp_of
 from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, Decoder, decode_text
-from madrob_console.messages.message_types import MessageError, standard_types, types_of
+from madrob_console.messages.types import MessageError, standard_types, types_of
 from madrob_console.referee.flags import Flag, flags, practice_flags
 from madrob_console.referee.journal import LARGEST_JOURNAL, Entry, read_journal
 from madrob_console.referee.rebuild import Change, mark_of, rebuild
@@ -324,8 +324,8 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: ty
         if sample is not None:
             for assessment in assessments:
                 assessment.feed(sample)
-        if decoder.remarks:
-            for remark, assessment in product(decoder.take_remarks(), assessments):
+        if remark := decoder.remark:
+            for assessment in assessments:
                 assessment.report_problem(remark.words, remark.doubts)
     for assessment in assessments:
         report_bag(assessment, recorded)

@@ -162,7 +162,7 @@ def _check_replay(arguments: argparse.Namespace) -> float | None:
         return None
     from madrob_console.engine.playback import JumpTo
     from madrob_console.engine.runtime.replay import Replay
-    from madrob_console.messages.message_types import MessageTypes
+    from madrob_console.messages.types import MessageTypes
 
     replay = Replay(path, MessageTypes())
     if named is None:

@@ -21,7 +21,7 @@ from madrob_console.referee.competition_plan import PlanSource, plan_remarks
 from madrob_console.referee.team_list import TeamSource
 
 if TYPE_CHECKING:
-    from madrob_console.messages.codec import TopicMapping
+    from madrob_console.messages.mapping import TopicMapping
 
 
 SMALLEST_TERMINAL = (80, 24)

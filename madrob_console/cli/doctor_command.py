@@ -97,7 +97,7 @@ def _evidence(arguments: argparse.Namespace, settings: Settings) -> Iterator[Fin
 
     from madrob_console.cli.doctor_evidence import look_at_evidence
     from madrob_console.cli.session import own_topics
-    from madrob_console.messages.message_types import MessageTypes
+    from madrob_console.messages.types import MessageTypes
 
     recording = settings.recording
     own = own_topics(settings, MessageTypes())

@@ -10,7 +10,6 @@ import re
 import socket
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import partial
@@ -21,13 +20,16 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 from madrob_console.cli.finding import Finding, Severity
-from madrob_console.common.clock import SystemClock
+from madrob_console.common.clock import SystemClock, seconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
-from madrob_console.messages.codec import STRIPS, Decoder, TopicMapping
-from madrob_console.messages.message_fields import find_field
-from madrob_console.messages.message_types import MessageError, MessageTypes
+from madrob_console.engine.core.observation import Observation
+from madrob_console.messages.fields import find_field
+from madrob_console.messages.mapping import STRIPS, TopicMapping
+from madrob_console.messages.types import MessageError, MessageTypes
+from madrob_console.referee.records import SILENT, FaultKind
+from madrob_console.referee.topic_health import SensorLimits
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import (
     REMEDY,
@@ -43,7 +45,7 @@ from madrob_console.testbeds.ros.intake import Intake
 from madrob_console.testbeds.ros.types import describe_registered, prefixes
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.source import TopicStatus
-from scoring.protocol import Signal
+from scoring.protocol import Signal, Thresholds
 
 MOST_LINES = 5
 
@@ -195,6 +197,7 @@ def look_at_testbed(
 ) -> Iterator[Finding]:
     """Listen to every configured topic for `listen` s."""
     needed = {m.topic for m in mappings if not m.signal.optional}
+    signals = {m.topic: m.signal.value for m in mappings}
     types = MessageTypes()
     source = RosSource(
         mappings, types, SystemClock(), domain, speaks=False, environment=environment
@@ -210,9 +213,12 @@ def look_at_testbed(
         ):
             source.take_messages(0.05)
         found = any(status.publishers for status in source.status())
-        decoder = Decoder(mappings, types)
-        counts = _take(source, listen if found else 0.0, decoder)
+        observed = Observation(mappings, Thresholds(), SensorLimits(), types)
+        _listen(source, listen if found else 0.0, observed)
         statuses = source.status()
+        now = seconds(SystemClock().now_ns())
+        counts = {view.topic: view.received for view in observed.sensors.topics(statuses, {}, now)}
+        faults = observed.sensors.faults(statuses, now)
         has_door = door.service_is_ready()
         heard = {status.topic for status in statuses if status.publishers}
         proposed = tuple(_proposals(mappings, heard, node, types, environment))
@@ -228,7 +234,20 @@ def look_at_testbed(
     look = "see `other user`" if users else "look at its sensor"
     for status in statuses:
         rate = counts[status.topic] / listen
-        yield _topic(status, rate, start, look, optional=status.topic not in needed)
+        signal = signals[status.topic]
+        silence = faults.get((signal, FaultKind.NEVER_SEEN), SILENT)
+        yield _topic(
+            status,
+            rate,
+            start,
+            f"{silence}: {look}",
+            optional=status.topic not in needed,
+            several=(signal, FaultKind.SEVERAL_PUBLISHERS) in faults,
+        )
+        for kind in (FaultKind.UNREADABLE, FaultKind.NO_READING):
+            if words := faults.get((signal, kind)):
+                words = words.partition(" messages: ")[2]
+                yield Finding(Severity.WARNING, status.topic, words)
     if users:
         words = (
             f"{users} runs ROS here, too, and users do not hear each other: set ROS_AUTOMATIC_"
@@ -236,9 +255,6 @@ def look_at_testbed(
         )
         yield Finding(Severity.WARNING, "other user", words)
     yield from proposed
-    for remark in decoder.take_remarks():
-        topic, _, words = remark.words.partition(": ")
-        yield Finding(Severity.WARNING, topic, words)
     yield from (Finding(Severity.WARNING, topic, words) for topic, words in robot.items())
     yield _door(present=has_door)
     if console is not None:
@@ -249,15 +265,11 @@ def _all_matched(source: RosSource, topics: set[str]) -> bool:
     return all(status.publishers for status in source.status() if status.topic in topics)
 
 
-def _take(source: RosSource, duration: float, decoder: Decoder) -> Counter[str]:
-    counts: Counter[str] = Counter()
+def _listen(source: RosSource, duration: float, observed: Observation) -> None:
     ends = time.monotonic() + duration
     while (left := ends - time.monotonic()) > 0:
         for message in source.take_messages(left):
-            counts[message.topic] += 1
-            with suppress(MessageError):  # the source has told of another type
-                decoder.decode(message)
-    return counts
+            observed.receive(message, recorded=False, shown=True)
 
 
 _JOINT = "position[name=door]"
@@ -323,8 +335,10 @@ def other_users(folder: Path = SHARED_MEMORY) -> str:
     return ", ".join(sorted(users))
 
 
-def _topic(status: TopicStatus, rate: float, start: str, look: str, *, optional: bool) -> Finding:
-    """`start` is the remedy where nobody publishes, `look` where nothing comes."""
+def _topic(
+    status: TopicStatus, rate: float, start: str, silence: str, *, optional: bool, several: bool
+) -> Finding:
+    """`start` is the remedy where nobody publishes, `silence` is for where nothing comes."""
     if status.problem is not None:
         return Finding(Severity.WARNING, status.topic, status.problem)
     if status.publishers == 0:
@@ -333,8 +347,8 @@ def _topic(status: TopicStatus, rate: float, start: str, look: str, *, optional:
         return Finding(Severity.WARNING, status.topic, f"no publisher: {start}")
     found = f"{counted(status.publishers, 'publisher')}, {status.type}"
     if rate == 0 and not optional:
-        return Finding(Severity.WARNING, status.topic, f"{found}, but silent: {look}")
-    if status.publishers > 1:
+        return Finding(Severity.WARNING, status.topic, f"{found}, but {silence}")
+    if several:
         return Finding(Severity.WARNING, status.topic, f"{found}, {rate:.1f} Hz: stop all but one")
     return Finding(Severity.OK, status.topic, f"{found}, {rate:.1f} Hz")
 

@@ -25,7 +25,7 @@ from madrob_console.engine.runtime.reports import Reporting, WantedPages
 from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.messages.codec import ROBOT_TYPES, referee_topics
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.announcement import INFO_TOPIC
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.simulated import SimulatedTestbed

@@ -10,8 +10,9 @@ from pathlib import Path
 from madrob_console.common.errors import MadrobError
 from madrob_console.config import Settings, parse_settings
 from madrob_console.config.settings_example import toml_value
-from madrob_console.messages.codec import Decoder, TopicMapping
-from madrob_console.messages.message_types import MessageError, MessageTypes
+from madrob_console.messages.codec import Decoder
+from madrob_console.messages.mapping import TopicMapping
+from madrob_console.messages.types import MessageError, MessageTypes
 from recorder.reader import Bag
 from scoring.calibration.handle_scale import HandleProposal, SteadyForce
 from scoring.calibration.masks import MaskProposal, Sweep, SweepLog, propose_masks, sensor_name

@@ -37,7 +37,7 @@ from madrob_console.config.tables import (
     TopicSetting,
     start_pose_on,
 )
-from madrob_console.messages.topic_mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.topic_health import SensorLimits
 from scoring.protocol import DoubtLimits, Side, StartPose, Thresholds

@@ -14,7 +14,7 @@ from msgspec.structs import asdict, force_setattr
 
 from madrob_console.common.names import SourceKind, ThemeName, clean_name
 from madrob_console.config.setting_types import SettingsTable, within, written_as
-from madrob_console.messages.topic_mapping import STRIPS, TopicMapping
+from madrob_console.messages.mapping import STRIPS, TopicMapping
 from madrob_console.referee.competition_plan import (
     MOST_ATTEMPTS,
     MOST_LINES,

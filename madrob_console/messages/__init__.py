@@ -1,4 +1,4 @@
-"""Bytes of a message to samples and back: mappings, fields, layouts, message types.
+"""Bytes of a message to samples and back: mappings, fields, message types.
 
 Where messages come from is in testbeds; what samples mean is in scoring.
 """

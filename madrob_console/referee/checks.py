@@ -75,6 +75,7 @@ class Readings:
         skew: largest stamp - log time of the last second, with its sign.
         recorder_problem: why no run can be recorded; empty = one can; None = the disk has not
             answered.
+        unread_range: why a passage sensor has no reading; None = it is not known.
         evidence: None = there is no ROS: the testbed is simulated in the engine's own process.
         least_evidence: how long evidence must fit, s; None = no evidence is wanted.
         least_skew: the smallest of the last second on the topic where that is largest.
@@ -96,6 +97,7 @@ class Readings:
     disk_needed: int
     recorder_problem: str | None
     other_referee: str | None
+    unread_range: str | None = None
     evidence: EvidenceState | None = None
     least_evidence: float | None = None
     least_skew: float | None = None
@@ -247,6 +249,9 @@ def _doorway(r: Readings) -> Check:
     if r.occupied is None:
         words = "no reading of some passage sensor comes now"
         remedy = "look whether its driver runs, or set its `no_echo`"
+        if r.unread_range is not None:
+            words = r.unread_range
+            remedy = "correct what its driver sends, or set its `no_echo`"
         return Check(CheckName.DOORWAY, CheckState.NO_DATA, words, remedy=remedy)
     finding = f"something under {', '.join(r.occupied)}" if r.occupied else "sensors clear"
     return _verdict(CheckName.DOORWAY, not r.occupied, finding, "clear the doorway")

@@ -9,13 +9,9 @@ from pathlib import Path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.common.recorded_clock import LONGEST, RecordedClock
-from madrob_console.messages.codec import (
-    REFEREE_EVENT_TOPIC,
-    TopicMapping,
-    decode_text,
-    referee_topics,
-)
-from madrob_console.messages.message_types import MessageError, MessageTypes
+from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, decode_text, referee_topics
+from madrob_console.messages.mapping import TopicMapping
+from madrob_console.messages.types import MessageError, MessageTypes
 from madrob_console.testbeds.source import Source, TopicStatus
 from recorder import RecorderError
 from recorder.bag import RawMessage, Topic

@@ -15,14 +15,9 @@ from msgspec import structs
 
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
-    REFEREE_START_POSE_TOPIC,
-    REFEREE_STATE_TOPIC,
-    TopicMapping,
-    encode_text,
-)
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import REFEREE_START_POSE_TOPIC, REFEREE_STATE_TOPIC, encode_text
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, info_text
 from madrob_console.testbeds.ros.connection import (
     Connection,

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from mcap.writer import Writer
 
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
 from madrob_console.testbeds.ros.connection import load_message_class
 from madrob_console.testbeds.ros.subscriptions import qos_profile
 from madrob_console.testbeds.ros_domain import domain_id

@@ -13,7 +13,7 @@ import sys
 import time
 from itertools import count
 
-from madrob_console.messages.codec import TopicMapping
+from madrob_console.messages.mapping import TopicMapping
 from scoring.protocol import Signal
 from tests.benchmarks.commands import ROOT
 from tests.benchmarks.report import Figure

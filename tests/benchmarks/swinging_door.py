@@ -13,8 +13,8 @@ from functools import partial
 from random import Random
 
 from madrob_console.common.clock import Clock
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.simulated import SensorSettings, SimulatedTestbed
 from madrob_console.testbeds.simulated.geometry import DoorGeometry, RobotBody
 from madrob_console.testbeds.simulated.motion import MotionPlan

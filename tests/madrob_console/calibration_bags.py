@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from random import Random
 
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping, describe_topic
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import describe_topic
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.simulated.encoder import Encoder
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import (

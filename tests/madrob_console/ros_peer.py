@@ -34,8 +34,8 @@ import msgspec
 import numpy as np
 
 from madrob_console.common.clock import NS, SystemClock
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import (
     Connection,

@@ -12,7 +12,7 @@ from madrob_console.messages.codec import (
     encode_text,
     referee_topics,
 )
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.types import MessageTypes
 from recorder.bag import RawMessage
 from scoring.protocol import Condition, StartPose
 

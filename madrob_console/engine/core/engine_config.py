@@ -8,7 +8,7 @@ from pathlib import Path
 from random import Random
 
 from madrob_console.common.version import software_version
-from madrob_console.messages.codec import TopicMapping
+from madrob_console.messages.mapping import TopicMapping
 from madrob_console.referee.run_setup import Randomness, RunSetup
 from madrob_console.referee.topic_health import SensorLimits
 from scoring.protocol import Thresholds

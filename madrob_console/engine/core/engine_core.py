@@ -52,7 +52,7 @@ from madrob_console.messages.codec import (
     REFEREE_RUNNING_TOPIC,
     REFEREE_STATE_TOPIC,
 )
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import Act, Situation
 from madrob_console.referee.rebuild import after
 from madrob_console.referee.records import FaultKind

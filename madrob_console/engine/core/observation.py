@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from madrob_console.engine.core.run_tracker import Happening, RunTracker
 from madrob_console.engine.core.scored_run import PastRun
 from madrob_console.engine.core.sensors import Sensors
-from madrob_console.messages.codec import ROBOT_TYPES, Decoder, TopicMapping
-from madrob_console.messages.message_types import MessageError, MessageTypes
+from madrob_console.messages.codec import ROBOT_TYPES, Decoder
+from madrob_console.messages.mapping import TopicMapping
+from madrob_console.messages.types import MessageError, MessageTypes
 from madrob_console.referee.run import Run
 from madrob_console.referee.topic_health import SensorLimits
 from recorder.bag import RawMessage
@@ -79,25 +80,29 @@ class Observation:
         tracker = self.tracker if recorded else None
         if tracker is not None and message.topic in ROBOT_TYPES:
             tracker.hear_robot(message)
-        if not shown:
+        if not shown and tracker is None:
             self.sensors.note_arrival(message)
-            if tracker is None:
-                return
-        sample, error = None, None
+            return
+        sample = None
         try:
             sample = self._decoder.decode(message)
-            error = self._decoder.ambiguity(message.topic)
-        except MessageError as problem:
-            error = str(problem)
-        if shown:
-            self.sensors.receive(message, sample, error)
+            problem = self._decoder.doubt
+        except MessageError as error:
+            problem = str(error)
+            if tracker is not None:
+                tracker.assessment.report_problem(problem)
+        absent = self._decoder.absent
+        if absent is not None:
+            self.sensors.note_absence(message, absent)
+        elif shown:
+            self.sensors.receive(message, sample, problem)
+        else:
+            self.sensors.note_arrival(message)
         if tracker is not None and sample is not None:
             tracker.feed(sample)
-        elif tracker is not None and error is not None:
-            tracker.assessment.report_problem(error)
-        for remark in self._decoder.take_remarks():
-            if tracker is not None:
-                tracker.assessment.report_problem(remark.words, remark.doubts)
+        remark = self._decoder.remark
+        if tracker is not None and remark is not None:
+            tracker.assessment.report_problem(remark.words, remark.doubts)
 
     def advance(self, run: Run, now: float, fed_until: float) -> tuple[Run, list[Happening]]:
         if self.tracker is None or not run.active:

@@ -15,7 +15,7 @@ from madrob_console.engine.snapshot import (
     SensorView,
     TopicView,
 )
-from madrob_console.messages.codec import TopicMapping
+from madrob_console.messages.mapping import STRIPS, TopicMapping
 from madrob_console.referee.records import FaultKind, merged
 from madrob_console.referee.topic_health import Freshness, SensorLimits
 from madrob_console.testbeds.source import TopicStatus
@@ -45,7 +45,7 @@ class Sensors:
         self.limits = limits
         self._mappings = tuple(mappings)
         self._thresholds = thresholds
-        self._watches = {m.topic: TopicWatch(m.signal, limits, thresholds) for m in mappings}
+        self._watches = {m.topic: TopicWatch(m, limits, thresholds) for m in mappings}
         self._of_signal = {watch.signal: watch for watch in self._watches.values()}
         self._forces: deque[tuple[float, float]] = deque()
         self._newest: dict[Signal, Sample] = {}
@@ -56,14 +56,20 @@ class Sensors:
         if (watch := self._watches.get(message.topic)) is not None:
             watch.note_arrival(message.receive_ns / 1e9)
 
-    def receive(self, message: RawMessage, sample: Sample | None, error: str | None) -> None:
+    def note_absence(self, message: RawMessage, name: str) -> None:
+        """Note a message that lacks the named element: it is another sensor's."""
+        if (watch := self._watches.get(message.topic)) is not None:
+            watch.absent = name
+
+    def receive(self, message: RawMessage, sample: Sample | None, problem: str | None) -> None:
+        """Take a message, its sample, and why that is missing, to be doubted or without reading."""
         watch = self._watches.get(message.topic)
         if watch is None:
             return
         now = message.receive_ns / 1e9
-        if error is not None:
-            error = error.removeprefix(f"{message.topic}: ")
-        watch.receive(now, sample, error, self._states.angle or 0.0)
+        if problem is not None:
+            problem = problem.removeprefix(f"{message.topic}: ")
+        watch.receive(now, sample, problem, self._states.angle or 0.0)
         if sample is None:
             return
         self._states.feed(sample)
@@ -134,6 +140,14 @@ class Sensors:
             if freshness is not Freshness.FRESH or state is None:
                 return None
         return tuple(f"{s.side} {s.index}" for s, state in states.items() if state)
+
+    def unread_range(self, now: float) -> str | None:
+        """Why a used passage sensor has no reading now; None = it is not known, or all have one."""
+        for signal in STRIPS:
+            watch = self._of_signal.get(signal)
+            if watch is not None and (words := watch.missing(now)) is not None:
+                return f"{signal.value}: {words}"
+        return None
 
     def _recent(self, signal: Signal, now: float) -> Recent:
         watch = self._of_signal.get(signal)

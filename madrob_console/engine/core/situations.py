@@ -55,6 +55,7 @@ class SituationFactory:
             zero=run.zero_samples,
             drift=self._current.drift,
             occupied=sensors.occupied(taken),
+            unread_range=sensors.unread_range(taken),
             skew=sensors.skew(taken),
             least_skew=sensors.skew(taken, min),
             largest_skew=config.thresholds.largest_skew,

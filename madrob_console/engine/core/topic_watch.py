@@ -8,11 +8,13 @@ from collections.abc import Callable
 from textwrap import shorten
 
 from madrob_console.engine.snapshot import Extent, Recent
+from madrob_console.messages.codec import range_problem
+from madrob_console.messages.mapping import TopicMapping
 from madrob_console.referee.records import SILENT, FaultKind
 from madrob_console.referee.topic_health import Freshness, Health, Presence, SensorLimits
 from madrob_console.testbeds.source import TopicStatus
-from scoring.protocol import PASSAGE_SENSORS, PassageSensor, Signal, Thresholds
-from scoring.quality import all_in_range, is_reading
+from scoring.protocol import PASSAGE_SENSORS, Signal, Thresholds
+from scoring.quality import all_in_range
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 
 RECENT = 22.0
@@ -58,16 +60,22 @@ _LONGEST_WORDS = 120
 
 
 class TopicWatch:
-    """Follows the messages of one topic."""
+    """Follows the messages of one topic.
 
-    def __init__(self, signal: Signal, limits: SensorLimits, thresholds: Thresholds) -> None:
-        self.signal = signal
+    Attributes:
+        absent: the name of the mapped element, once a message came that lacks it; else None.
+    """
+
+    def __init__(self, mapping: TopicMapping, limits: SensorLimits, thresholds: Thresholds) -> None:
+        self.signal = mapping.signal
+        self.absent: str | None = None
+        self._is_by_name = mapping.element_name is not None
         self.messages = Health(limits.fresh, limits.lost, WINDOW)
         self.readings = Presence(limits.fresh, limits.lost)
         self.sensors = {
             sensor: Presence(limits.fresh, limits.lost)
             for sensor in PASSAGE_SENSORS
-            if Signal.of_strip(sensor.strip) is signal
+            if Signal.of_strip(sensor.strip) is mapping.signal
         }
         self.received = 0
         self.is_regular = False
@@ -78,6 +86,8 @@ class TopicWatch:
         self._empty = Health(window=WINDOW)
         self._missing = ""
         self._disordered = Health(window=WINDOW)
+        self._reversed = Health(window=WINDOW)
+        self._sequence = 0
         self._stamp: float | None = None
         self._skews: deque[tuple[float, float]] = deque()
         self._recent = RecentReadings()
@@ -90,17 +100,22 @@ class TopicWatch:
         self.messages.add(now)
         self.is_regular = self.is_regular or self.messages.count(now) >= _REGULAR
 
-    def receive(self, now: float, sample: Sample | None, error: str | None, angle: float) -> None:
+    def receive(self, now: float, sample: Sample | None, problem: str | None, angle: float) -> None:
         """Take a message, or why it cannot be read.
 
-        `now` is s since the epoch. `angle` is the panel's, rad: sensors under it need no reading.
+        The `problem` of a strip's sample is why a range of it is missing. `now` is s since the
+        epoch. `angle` is the panel's, rad: sensors under it need no reading.
         """
         self.note_arrival(now)
-        if error is not None:
+        if problem is not None and not isinstance(sample, PassageSample):
             self._unreadable.add(now)
-            self._complaint = shorten(error, _LONGEST_WORDS, placeholder=" ...")
+            self._complaint = shorten(problem, _LONGEST_WORDS, placeholder=" ...")
+            problem = None
         if sample is None:
             return
+        if sample.sequence <= self._sequence:
+            self._reversed.add(now)
+        self._sequence = sample.sequence
         self._follow_stamp(now, sample)
         missing = self._missing_in(now, sample, angle)
         if missing is None:
@@ -110,7 +125,7 @@ class TopicWatch:
                 self._recent.add(now, value)
         else:
             self._empty.add(now)
-            self._missing = missing
+            self._missing = problem or missing
 
     def _follow_stamp(self, now: float, sample: Sample) -> None:
         if self._skews and now < self._skews[-1][0]:  # the clock was stepped back, stamps follow
@@ -142,16 +157,21 @@ class TopicWatch:
                 presence.newest = now
             return None
         for sensor, presence in self.sensors.items():
-            if is_reading(sample, sensor.element):
+            problem = range_problem(sample, sensor.element, sensor.element)
+            if problem is None:
                 presence.newest = now
             elif not self._thresholds.masked(sensor.side, sensor.index, angle):
-                missing = missing or _range_in_words(sample, sensor)
+                missing = missing or problem
         return missing
 
     def recent(self, now: float) -> Recent:
         return self._recent.stretches(now, self._limits.fresh)
 
     # ------------------------------------------------------------------ what is wrong
+
+    def missing(self, now: float) -> str | None:
+        """Why messages have no reading, in words; None = they have."""
+        return self._missing if self._empty.count(now) else None
 
     def skew(self, now: float, extreme: Callable[..., float] = max) -> float | None:
         """The largest stamp - log time of the last second, s, with its sign.
@@ -165,14 +185,15 @@ class TopicWatch:
         faults: dict[FaultKind, str] = {}
         if status is not None and status.problem:
             faults[FaultKind.SOURCE] = status.problem
-        if status is not None and status.publishers > 1:
+        if status is not None and status.publishers > 1 and self._has_rivals(now):
             faults[FaultKind.SEVERAL_PUBLISHERS] = f"{status.publishers} publishers: keep one"
         freshness = self.messages.freshness(now)
         if freshness is Freshness.NEVER:
             if not self.signal.optional and not faults:  # else it is known why
                 published = status is not None and status.publishers > 0
-                why = SILENT if published else f"{SILENT}, no publisher"
-                faults[FaultKind.NEVER_SEEN] = why
+                faults[FaultKind.NEVER_SEEN] = (
+                    self._silence if published else f"{self._silence}, no publisher"
+                )
             return faults
         if not self.signal.optional:
             self._find_slowness(faults, freshness, now)
@@ -180,12 +201,20 @@ class TopicWatch:
         self._find_content_faults(faults, now)
         return faults
 
+    def _has_rivals(self, now: float) -> bool:
+        """Whether publishers mix: others may send other names, then sequence numbers tell."""
+        return not self._is_by_name or self._reversed.count(now) > 0
+
+    @property
+    def _silence(self) -> str:
+        return SILENT if self.absent is None else f"no message names {self.absent}"
+
     def _find_slowness(
         self, faults: dict[FaultKind, str], freshness: Freshness, now: float
     ) -> None:
         limits, rate = self._limits, self.messages.rate(now)
         if freshness is not Freshness.FRESH:
-            faults[FaultKind.SILENT] = f"{SILENT} for {self.messages.age(now):.1f} s"
+            faults[FaultKind.SILENT] = f"{self._silence} for {self.messages.age(now):.1f} s"
         elif rate is None and self.received > 1:
             faults[FaultKind.SLOW] = f"only one message in {WINDOW:g} s"
         elif rate is not None and rate < limits.least_rate * limits.rate:
@@ -223,12 +252,3 @@ def _no_reading(name: str, value: float, largest: float, unit: str) -> str | Non
     if math.isfinite(value):
         return f"{name} {value:+.6g} {unit} is impossible, beyond +-{largest:g} {unit}"
     return f"{name} is {'NaN or empty' if math.isnan(value) else f'{value:+}'}"
-
-
-def _range_in_words(sample: PassageSample, sensor: PassageSensor) -> str:
-    if sensor.element >= len(sample.ranges):
-        return f"only {len(sample.ranges)} ranges of 4"
-    distance = sample.ranges[sensor.element]
-    low, high = sample.range_min, sample.range_max
-    what = "NaN" if math.isnan(distance) else f"{distance:g} m, outside {low:g} to {high:g} m"
-    return f"range {sensor.element} is {what}"

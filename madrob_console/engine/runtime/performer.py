@@ -77,7 +77,7 @@ from madrob_console.messages.codec import (
     encode_text,
     referee_topics,
 )
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.run import Run

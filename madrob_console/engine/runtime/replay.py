@@ -33,7 +33,7 @@ from madrob_console.engine.playback import (
     slower,
 )
 from madrob_console.engine.runtime.scorer import Scorer
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Run

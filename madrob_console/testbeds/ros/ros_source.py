@@ -20,10 +20,10 @@ from madrob_console.messages.codec import (
     REFEREE_EVENT_TOPIC,
     REFEREE_STATE_TOPIC,
     ROBOT_TYPES,
-    TopicMapping,
     referee_topics,
 )
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.mapping import TopicMapping
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.announcement import SILENT, Announcement
 from madrob_console.testbeds.ros.connection import (
     Connection,

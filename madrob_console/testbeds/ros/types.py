@@ -14,7 +14,7 @@ from rosbags.typesys import TypesysError, get_types_from_msg
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
 from madrob_console.messages.codec import describe_topic
-from madrob_console.messages.message_types import MessageTypes, nested_types
+from madrob_console.messages.types import MessageTypes, nested_types
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class
 from recorder.bag import Topic, topic_problem
 

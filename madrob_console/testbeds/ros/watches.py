@@ -13,12 +13,8 @@ from pathlib import Path
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe
-from madrob_console.messages.codec import (
-    REFEREE_STATE_TOPIC,
-    decode_text,
-    describe_topic,
-)
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import REFEREE_STATE_TOPIC, decode_text, describe_topic
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.announcement import (
     INFO_TOPIC,
     INFO_TYPE,

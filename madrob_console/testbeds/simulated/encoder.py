@@ -13,10 +13,10 @@ import numpy as np
 
 from madrob_console.common.clock import NS
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import TopicMapping, find_signal
-from madrob_console.messages.message_fields import MessageField, attribute, find_stamp
-from madrob_console.messages.message_types import Message, MessageTypes
-from madrob_console.messages.topic_mapping import NamedElement
+from madrob_console.messages.codec import find_signal
+from madrob_console.messages.fields import MessageField, attribute, has_header
+from madrob_console.messages.mapping import NamedElement, TopicMapping
+from madrob_console.messages.types import Message, MessageTypes
 from madrob_console.testbeds.simulated.sensor_model import RANGE_MAX, RANGE_MIN, Reading
 from scoring.protocol import SENSORS_PER_STRIP
 
@@ -39,9 +39,9 @@ class Encoder:
         self._types = types
         field = find_signal(types, mapping)
         self._message = types.make(mapping.type)
-        stamp = find_stamp(types, mapping.type)
-        self._stamp = None if stamp is None else stamp(self._message)
-        if stamp is not None:
+        self._stamp = None
+        if has_header(types, mapping.type):
+            self._stamp = self._message.header.stamp
             self._message.header.frame_id = frame
         self._holder, self._name, self._index = self._place(field)
         self._base = field.base
@@ -82,7 +82,7 @@ class Encoder:
             index = last if isinstance(last, int) else 0
             *way, last = way
         names = [attribute(step) for step in (*way, last) if isinstance(step, str)]
-        if len(names) <= len(way) or field.each is not None:
+        if len(names) <= len(way) or field.messages is not None:
             raise self._error(f"{self._mapping.field} leads through an array of messages")
         holder = reduce(getattr, names[:-1], self._message)
         if index is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from madrob_console.messages.codec import START_POSE_FRAME, STRIPS
+from madrob_console.messages.codec import START_POSE_FRAME
+from madrob_console.messages.mapping import STRIPS
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from scoring.protocol import SENSORS_PER_STRIP, Signal
 

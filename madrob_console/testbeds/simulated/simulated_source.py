@@ -10,15 +10,14 @@ from madrob_console.common.clock import Clock, nanoseconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
     REFEREE_START_POSE_TOPIC,
     REFEREE_STATE_TOPIC,
-    TopicMapping,
     decode_text,
     describe_topic,
     referee_topics,
 )
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.announcement import Announcement
 from madrob_console.testbeds.simulated.encoder import Encoder
 from madrob_console.testbeds.simulated.sensor_frames import (

@@ -10,7 +10,7 @@ from random import Random
 import numpy as np
 from PIL import Image, ImageDraw
 
-from madrob_console.messages.message_types import standard_types
+from madrob_console.messages.types import standard_types
 from recorder.bag import RawMessage
 from recorder.reader import Bag
 from tests.recorder.samples import add_evidence

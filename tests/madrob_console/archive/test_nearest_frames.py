@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from madrob_console.archive.nearest_frames import FARTHEST, Cameras
 from madrob_console.common.clock import seconds
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
 from recorder.writer import BagWriter
 from tests.madrob_console.archive.frames import (
     FRONT,

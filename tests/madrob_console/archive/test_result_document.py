@@ -23,7 +23,7 @@ from madrob_console.archive.result_document import ResultDocument, result_schema
 from madrob_console.archive.result_files import result_files
 from madrob_console.archive.result_reader import read_result
 from madrob_console.engine import state_schemas
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
 from madrob_console.testbeds.simulated import Scenario
 from scoring.protocol import Signal
 from tests.corpus.test_corpus import unpack

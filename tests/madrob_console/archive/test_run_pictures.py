@@ -47,7 +47,7 @@ from madrob_console.archive.run_pictures import (
 from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.common.errors import MadrobError
 from madrob_console.export.zip_file import is_safe_name
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
 from madrob_console.pages.camera_pictures import MOST_EMBEDDED
 from madrob_console.pages.related_runs import RelatedRuns
 from madrob_console.pages.report import report_html

@@ -20,7 +20,7 @@ from madrob_console.cli.testbed_calibration import (
     sweep_recordings,
 )
 from madrob_console.config import Settings, parse_settings
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import Reading, Scene, SensorSettings
 from scoring.calibration.handle_scale import GRAVITY, HandleProposal, SteadyForce

@@ -31,7 +31,8 @@ from madrob_console.cli.doctor_ros import look_at_installation, other_users, ove
 from madrob_console.cli.finding import Finding, Severity, line
 from madrob_console.cli.output import BAD_INPUT
 from madrob_console.engine.ipc.engine_sockets import state_folder
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, ROBOT_STARTED_TOPIC, TopicMapping
+from madrob_console.messages.codec import ROBOT_STARTED_TOPIC
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.competition_plan import PlanSource
 from madrob_console.referee.team_list import TeamSource
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
@@ -305,7 +306,7 @@ def test_without_ros_it_says_what_to_install_and_the_console_is_usable(tmp_path:
         sys.modules["rclpy"] = None  # as if it were not installed
         from madrob_console.cli.doctor import doctor, verdict
         from madrob_console.cli.finding import line
-        from madrob_console.messages.codec import DEFAULT_MAPPINGS
+        from madrob_console.messages.mapping import DEFAULT_MAPPINGS
         findings = list(doctor(DEFAULT_MAPPINGS, Path({str(tmp_path)!r}), disk_space=1))
         print(*map(line, findings), verdict(findings), sep="\\n")
     """

@@ -16,7 +16,7 @@ from madrob_console.common.names import SourceKind, ThemeName
 from madrob_console.config import Settings, default_settings_path, load_settings, parse_settings
 from madrob_console.config.settings_example import example_toml
 from madrob_console.config.tables import Competition, ConsoleSettings, RunDefaults
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.topic_health import SensorLimits
 from madrob_console.testbeds.evidence_choice import NO_LIMIT, TopicLimit
 from madrob_console.testbeds.simulated.geometry import DoorGeometry

@@ -30,15 +30,9 @@ from madrob_console.engine.runtime.replay import Replay
 from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
-    ROBOT_TYPES,
-    TopicMapping,
-    decode_text,
-    describe_topic,
-    referee_topics,
-)
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import ROBOT_TYPES, decode_text, describe_topic, referee_topics
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import (
     Act,
     ConfirmPose,
@@ -306,6 +300,10 @@ class FaultySource(OfficialSource):
     def send(self, topic: str, spoil: Spoil) -> None:
         """From now on this comes instead of each message of `topic`."""
         self.heal(topic)
+        self.replace_messages(topic, spoil)
+
+    def replace_messages(self, topic: str, spoil: Spoil) -> None:
+        """From now on this comes instead, from as many publishers as before."""
         self._spoils[topic] = spoil
 
     def deliver(self, when: Callable[[int], int]) -> None:

@@ -26,8 +26,8 @@ from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.engine.runtime.scoring_process import ScoringProcess
 from madrob_console.engine.runtime.supervisor import Supervisor
 from madrob_console.engine.runtime.testbed_engine import Engine
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHandle
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed

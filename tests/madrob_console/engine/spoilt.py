@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from madrob_console.common.clock import NS
 from madrob_console.messages.codec import encode_text
-from madrob_console.messages.message_types import Message, MessageTypes
+from madrob_console.messages.types import Message, MessageTypes
 from recorder.bag import RawMessage
 
 DOOR = "/madrob/door/angle"

@@ -37,7 +37,7 @@ from madrob_console.engine.playback import JumpTo, Skip
 from madrob_console.engine.runtime.replay import Replay
 from madrob_console.export.contents import dossier_contents
 from madrob_console.export.papers import PROTESTS_FILE, README_FILE
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.types import MessageTypes
 from madrob_console.pages.competition import CompetitionStandings, competition_standings
 from madrob_console.pages.outputs import standings_details, standings_html
 from madrob_console.pages.standings_files import standings_csv, standings_json

@@ -17,7 +17,7 @@ from madrob_console.engine.runtime.backlog import CAPACITY, LATEST, Backlog
 from madrob_console.engine.runtime.disk import ENDED, FULL, DiskThread, why_not
 from madrob_console.engine.runtime.disk_watch import RepeatedReading
 from madrob_console.engine.runtime.worker_questions import question_parts
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.acts import Abort, DeclareTimeout, Start
 from madrob_console.referee.run import Phase
 from recorder.bag import RawMessage

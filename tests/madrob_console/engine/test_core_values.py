@@ -62,12 +62,12 @@ from madrob_console.engine.core.scored_run import (
 from madrob_console.engine.core.state_view import elapsed, panel_fault, question, remaining
 from madrob_console.engine.snapshot import DoorView, LatchView
 from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
     REFEREE_ELAPSED_TOPIC,
     REFEREE_LEVEL_TOPIC,
     REFEREE_RUNNING_TOPIC,
 )
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import (
     Abort,
     Act,

@@ -20,8 +20,9 @@ from msgspec.structs import replace as changed
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.archive.scored import read_recorded_run
 from madrob_console.engine.core.scored_run import RenderedResult
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import Decoder
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from recorder.reader import Bag

@@ -27,12 +27,8 @@ from madrob_console.engine.playback import JumpTo
 from madrob_console.engine.requests import NextRunNumber, OpenRun
 from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.runtime.scoring_process import ScoringProcess
-from madrob_console.messages.codec import (
-    REFEREE_EVENT_TOPIC,
-    REFEREE_STATE_TOPIC,
-    decode_text,
-)
-from madrob_console.messages.message_types import Message, MessageTypes
+from madrob_console.messages.codec import REFEREE_EVENT_TOPIC, REFEREE_STATE_TOPIC, decode_text
+from madrob_console.messages.types import Message, MessageTypes
 from madrob_console.referee.acts import (
     Abort,
     AcceptDoubts,

@@ -29,7 +29,7 @@ from madrob_console.engine.runtime.evidence_process import live_state
 from madrob_console.engine.runtime.evidence_recording import COMES_BACK, EvidenceRecording
 from madrob_console.engine.runtime.recording import Recording
 from madrob_console.engine.runtime.testbed_engine import Engine
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import Start, Waive
 from madrob_console.referee.evidence_account import (
     EvidenceAccount,

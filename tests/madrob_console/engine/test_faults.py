@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import cycle
+from itertools import count, cycle
 from pathlib import Path
 from random import Random
 from typing import NamedTuple
@@ -16,7 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
-from madrob_console.messages.message_types import Message
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
+from madrob_console.messages.types import Message
 from madrob_console.referee.acts import SetUp, Start, ZeroHandle
 from madrob_console.referee.flags import FlagKind, serious, undecided
 from madrob_console.referee.records import CheckName, FaultKind
@@ -24,7 +25,7 @@ from recorder.bag import Durability, Qos, RawMessage
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Condition, Outcome, Signal
 from tests.madrob_console.engine.drive import TIMEOUT, FaultyDrive, make_setup
-from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault
+from tests.madrob_console.engine.spoilt import DOOR, HANDLE, STRIP, Fault, edited
 from tests.slowly import slow_but_for
 
 SECOND = 1_000_000_000  # ns
@@ -34,6 +35,7 @@ SLOW = r"\d+ of 50 messages/s missing|silent for|only one message in 2 s"
 BACK = r"the stamp repeats or goes back in \d+ of \d+ messages"
 OFF = r"stamps 5\.\d+ s (ahead|late)"
 EMPTY = r"no reading in \d+ of \d+ messages: "
+OUTSIDE = EMPTY + r"range \d: \S+ m is outside of the message's limits 0\.02\.\.4"
 JUNK = r"\d+ of \d+ messages: not a (sensor|geometry)_msgs/msg/"
 LARGE = r"\d+ of \d+ messages: 40\d+ bytes, not read above \d+"
 
@@ -78,7 +80,7 @@ CASES = (
     Case(Fault.NAN, EMPTY + r".* is NaN", WITHOUT, BLIND),
     Case(Fault.PLUS_INFINITY, EMPTY + r".* is \+inf", WITHOUT, BLIND, (DOOR, HANDLE)),
     Case(Fault.EMPTY, EMPTY + r".*(empty|only 0 ranges)", WITHOUT, BLIND, BLIND),
-    Case(Fault.OUT_OF_RANGE, EMPTY + r".* outside 0.02 to 4 m", WITHOUT, BLIND, (STRIP,)),
+    Case(Fault.OUT_OF_RANGE, OUTSIDE, WITHOUT, BLIND, (STRIP,)),
     Case(Fault.OTHER_TYPE, r"it sends std_msgs/msg/String, not ", "it sends std_msgs", BLIND),
     Case(Fault.TWO_PUBLISHERS, "2 publishers: keep one", "uneven intervals of", (DOOR,)),
     Case(Fault.TRUNCATED, JUNK, r"not a .*\(\d+ times\)", BLIND),
@@ -264,6 +266,58 @@ def test_other_name_behind_an_index_doubts_the_signal(hall: FaultyDrive) -> None
     doubted = {name for name, one in result.indicators.items() if changed in one.doubts}
     assert IndicatorName.UNSAFETY_OF_DOOR_OPERATION in doubted
     assert IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION not in doubted
+
+
+BY_NAME = replace(DEFAULT_MAPPINGS[0], field="position[name=door]")
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Iterator[FaultyDrive]:
+    """A hall whose door is found by its name, with an arm's joints on its topic."""
+    hall = FaultyDrive(tmp_path / "arm", mappings=[BY_NAME, *DEFAULT_MAPPINGS[1:]])
+    hall.source.spoil(DOOR, Fault.TWO_PUBLISHERS)  # its status, what comes is replaced
+    numbers = count(1)
+
+    def beside(message: RawMessage) -> list[RawMessage]:
+        other = edited(message, lambda content: setattr(content, "name", ["elbow"]))
+        return [other, structs.replace(message, sequence=next(numbers))]
+
+    hall.source.replace_messages(DOOR, beside)
+    yield hall
+    hall.engine.close()
+
+
+def test_joints_of_others_are_no_samples(arm: FaultyDrive, hall: FaultyDrive) -> None:
+    for each in (arm, hall):
+        each.set_up()
+        assert each.check(CheckName.TOPICS).startswith("ok")
+        each.begin()
+
+    result, plain = arm.scored_result(), hall.scored_result()
+
+    assert result == arm.rescored()
+    assert {name: (one.value, one.doubts) for name, one in result.indicators.items()} == {
+        name: (one.value, one.doubts) for name, one in plain.indicators.items()
+    }
+
+
+def test_publishers_of_the_same_joint_are_named(arm: FaultyDrive) -> None:
+    arm.source.replace_messages(DOOR, lambda message: [message, message])
+    arm.set_up()
+    assert "2 publishers: keep one" in arm.check(CheckName.TOPICS)
+
+
+def test_named_joint_that_never_comes_is_named(arm: FaultyDrive) -> None:
+    arm.source.fake(DOOR, lambda content: setattr(content, "name", ["elbow"]))
+    arm.wait(3.0)
+    assert "door angle: no message names door" in arm.check(CheckName.TOPICS)
+
+
+def test_range_outside_its_limits_fails_the_check(hall: FaultyDrive) -> None:
+    hall.set_up()
+    hall.source.fake(STRIP, lambda content: setattr(content, "range_max", 0.0))
+    words = "passage cw right: range 3: .* m is outside of the message's limits 0.02..0"
+    assert hall.seen_after(lambda: hall.check(CheckName.DOORWAY), f"^no data: .*{words}") <= 2.0
 
 
 LATCH = "/madrob/door/locked"

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from madrob_console.cli.main import main
 from madrob_console.common.clock import NS, Clock
 from madrob_console.config.settings import parse_settings
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping, describe_topic
-from madrob_console.messages.message_types import Message, MessageTypes
+from madrob_console.messages.codec import describe_topic
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.types import Message, MessageTypes
 from madrob_console.referee.acts import Start, Waive
 from madrob_console.referee.records import CheckName
 from madrob_console.testbeds.ros.subscriptions import arrivals

@@ -21,7 +21,7 @@ from madrob_console.archive.scored import read_recorded_run
 from madrob_console.config import Settings
 from madrob_console.engine.runtime.list_watch import ListWatch, follow_lists
 from madrob_console.messages.codec import encode_text
-from madrob_console.messages.message_types import Message, MessageTypes
+from madrob_console.messages.types import Message, MessageTypes
 from madrob_console.pages.tally import overall
 from madrob_console.referee.acts import ConfirmPose, SetUp, Start, Waive, ZeroHandle
 from madrob_console.referee.checks import blocking

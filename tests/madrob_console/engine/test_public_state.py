@@ -17,7 +17,7 @@ from madrob_console.messages.codec import (
     ROBOT_STARTED_TOPIC,
     encode_text,
 )
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import (
     Abort,
     AcceptFalseStart,

@@ -21,11 +21,8 @@ from madrob_console.engine.core.run_tracker import (
 )
 from madrob_console.engine.core.sensors import Sensors
 from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, Weight
-from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
-    ROBOT_FINISHED_TOPIC,
-    ROBOT_STARTED_TOPIC,
-)
+from madrob_console.messages.codec import ROBOT_FINISHED_TOPIC, ROBOT_STARTED_TOPIC
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
 from madrob_console.referee.evidence_account import EvidenceGap
 from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
 from madrob_console.referee.journal import Entry, Origin
@@ -227,7 +224,7 @@ def test_what_is_wrong_with_a_topic_is_named_with_its_numbers(
         ((2.0,) * 4, None),
         ((2.0, 2.0, 2.0, math.inf), None),
         ((2.0, 2.0, 2.0, math.nan), "range 3 is NaN"),
-        ((2.0, 2.0, 2.0, 9.0), "range 3 is 9 m, outside 0 to 2.5 m"),
+        ((2.0, 2.0, 2.0, 9.0), "range 3: 9.00 m is outside of the message's limits 0..2.5"),
         ((2.0, 2.0), "only 2 ranges of 4"),
     ],
 )

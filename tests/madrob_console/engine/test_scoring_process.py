@@ -21,7 +21,7 @@ from madrob_console.engine.runtime import scoring_process, supervisor
 from madrob_console.engine.runtime.disk import DiskThreads
 from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.engine.runtime.scoring_process import ScoringProcess
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import (
     Abort,
     Act,

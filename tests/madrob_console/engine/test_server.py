@@ -52,8 +52,8 @@ from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.runtime.replay import Replay
 from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import Pulse, RightToAct
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import ACTS, Abort, AddNote, Finalise, SetUp, Start
 from madrob_console.referee.competition_plan import (
     Attempts,

@@ -145,6 +145,17 @@ ROOM = "make room for evidence (`madrob guide testbed`): "
                 ),
             ),
         ),
+        (
+            N.DOORWAY,
+            {"occupied": None, "unread_range": "passage cw left: range 3 is NaN"},
+            (
+                NO_DATA,
+                (
+                    "correct what its driver sends, or set its `no_echo`: "
+                    "passage cw left: range 3 is NaN"
+                ),
+            ),
+        ),
         (N.CLOCK, {"skew": -0.05}, (OK, "stamps differ by 50 ms, limit 100 ms")),
         (
             N.CLOCK,

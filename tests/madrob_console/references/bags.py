@@ -10,13 +10,13 @@ from madrob_console.archive.run_record import RECORD_NAME, RunRecord
 from madrob_console.common.clock import NS
 from madrob_console.common.names import SourceKind
 from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
     REFEREE_EVENT_TOPIC,
     describe_topic,
     encode_text,
     referee_topics,
 )
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import SetUp, Start, act_details
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change

@@ -9,8 +9,9 @@ import pytest
 from madrob_console.common.clock import NS, VirtualClock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.recorded_clock import TICK, RecordedClock
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, describe_topic, referee_topics
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import describe_topic, referee_topics
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds import recorded_bag
 from madrob_console.testbeds.recorded_bag import RecordedBag
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed

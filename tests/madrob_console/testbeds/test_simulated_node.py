@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import Decoder
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from madrob_console.testbeds.ros.connection import load_module
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed

@@ -8,8 +8,9 @@ import pytest
 
 from madrob_console.common.clock import NS, Clock, VirtualClock, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, Decoder, TopicMapping
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import Decoder
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.simulated import (
     DoorGeometry,
     Scenario,

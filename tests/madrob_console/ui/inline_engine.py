@@ -39,8 +39,9 @@ from madrob_console.engine.requests import (
 from madrob_console.engine.runtime.engine_thread import LocalEngine, QueuedRequest
 from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import RightToAct, Snapshot
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, describe_topic, referee_topics
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import describe_topic, referee_topics
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import (
     Abort,
     Act,

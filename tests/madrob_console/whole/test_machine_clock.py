@@ -22,7 +22,7 @@ from madrob_console.engine.ipc.client import RemoteEngine
 from madrob_console.engine.requests import Role
 from madrob_console.engine.runtime.recording import Recording
 from madrob_console.engine.runtime.testbed_engine import Engine
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import (
     Abort,
     DeclareTimeout,

@@ -26,7 +26,7 @@ from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_opened
 from madrob_console.archive.unfinished_runs import find_unfinished
 from madrob_console.engine.core.engine_core import RETRY_PERIOD
-from madrob_console.messages.codec import DEFAULT_MAPPINGS
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
 from madrob_console.referee.acts import Abort, AddNote, DeclareTimeout, Finalise, Start
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from madrob_console.referee.journal import read_journal

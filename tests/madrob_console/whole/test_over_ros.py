@@ -26,12 +26,9 @@ from madrob_console.engine.requests import Perform
 from madrob_console.engine.runtime.engine_thread import LocalEngine
 from madrob_console.engine.runtime.testbed_engine import Engine
 from madrob_console.engine.snapshot import Snapshot
-from madrob_console.messages.codec import (
-    DEFAULT_MAPPINGS,
-    REFEREE_RUNNING_TOPIC,
-    REFEREE_STATE_TOPIC,
-)
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.codec import REFEREE_RUNNING_TOPIC, REFEREE_STATE_TOPIC
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS
+from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import Abort, SetUp
 from madrob_console.referee.checks import CheckState
 from madrob_console.referee.journal import Entry

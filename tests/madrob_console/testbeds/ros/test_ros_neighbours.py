@@ -7,7 +7,7 @@ import pytest
 from madrob_console.common.clock import SystemClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.messages.codec import REFEREE_STATE_TOPIC
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.ros import RosSource
 from tests.madrob_console import said
 from tests.madrob_console.ros_peer import BOOL, KEPT, Peer, Taker, latch

@@ -20,7 +20,7 @@ from madrob_console.messages.codec import (
     decode_text,
     referee_topics,
 )
-from madrob_console.messages.message_types import MessageTypes
+from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, SILENT, info_text
 from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from madrob_console.testbeds.ros import intake

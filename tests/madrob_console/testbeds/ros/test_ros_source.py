@@ -12,7 +12,7 @@ from typing import NoReturn
 import pytest
 
 from madrob_console.common.names import SourceKind
-from madrob_console.messages.codec import DEFAULT_MAPPINGS, TopicMapping
+from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.testbeds.ros import ros_source
 from recorder.bag import Durability, Qos, Reliability
 from scoring.protocol import Signal

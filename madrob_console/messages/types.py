@@ -1,7 +1,7 @@
-"""Message types and their definitions.
+"""Message types and their definitions, over the typestore of rosbags.
 
-A thin layer over the typestore of rosbags: the standard types of ROS 2 Jazzy are known from the
-start, every other type is registered at run time with its `ros2msg` definition.
+The standard types of ROS 2 Jazzy are known from the start, every other type is registered at run
+time with its `ros2msg` definition.
 """
 
 from __future__ import annotations
@@ -23,14 +23,12 @@ if TYPE_CHECKING:
     from recorder.bag import Topic
 
 
-_DTYPES = {"byte": "uint8", "char": "uint8"}
-
 Message: TypeAlias = Any
 """A decoded message; rosbags makes its class at run time, with the type's fields."""
 
 
 class MessageError(MadrobError):
-    """A message does not match the configuration; the text names its topic or type."""
+    """A message that does not match the configuration; the text names its topic or type."""
 
 
 class MessageTypes:
@@ -41,7 +39,7 @@ class MessageTypes:
         self._given: dict[str, str] = {}
 
     def register(self, type_name: str, definition: str) -> None:
-        """Adds the type `pkg/msg/Type` from its `ros2msg` text with nested definitions appended.
+        """Add the type `pkg/msg/Type` from its `ros2msg` text with nested definitions appended.
 
         Known nested types may be missing.
 
@@ -60,54 +58,48 @@ class MessageTypes:
             ) from None
         if type_name not in parsed:
             raise MadrobError(f"{type_name} is no type name; write it as pkg/msg/Type")
-        complete = _closure(type_name, {**self._store.fielddefs, **parsed}) <= parsed.keys()
+        nested = _all_nested(type_name, {**self._store.fielddefs, **parsed})
         try:
             self._store.register(parsed)
         except TypesysError:
             raise MadrobError(
                 f"{type_name}: known with other fields; use one version of its package everywhere"
             ) from None
-        if complete:
+        if nested <= parsed.keys():
             self._given[type_name] = text
 
     def knows(self, type_name: str) -> bool:
         return type_name in self._store.fielddefs
 
     def fields(self, type_name: str) -> dict[str, FieldDesc]:
-        try:
-            return dict(self._store.fielddefs[type_name][1])
-        except KeyError:
-            raise MessageError(
-                f"the message type {type_name} is unknown: install its package"
-            ) from None
+        if not self.knows(type_name):
+            raise MessageError(f"the message type {type_name} is unknown: install its package")
+        return dict(self._store.fielddefs[type_name][1])
 
     def definition(self, type_name: str) -> str:
-        """The type's `ros2msg` text with every nested definition appended."""
+        """Return the type's `ros2msg` text with every nested definition appended."""
         self.fields(type_name)
-        return (
-            self._given.get(type_name) or self._store.generate_msgdef(type_name, ros_version=2)[0]
-        )
+        given = self._given.get(type_name)
+        return given or self._store.generate_msgdef(type_name, ros_version=2)[0]
 
     def type_hash(self, type_name: str) -> str:
-        """The type's `RIHS01_...` hash; empty where rosbags would compute a wrong one."""
+        """Return the type's `RIHS01_...` hash; empty where rosbags would compute a wrong one."""
         self.fields(type_name)
         known = self._store.fielddefs
-        nested = _closure(type_name, known)
+        nested = _all_nested(type_name, known)
         fields = [element(field) for name in nested for _, field in known[name][1]]
         # rosidl hashes char as uint8 (and byte as octet), rosbags char as itself.
-        if any(field[0] == Nodetype.BASE and field[1][0] == "char" for field in fields):
+        if (Nodetype.BASE, ("char", 0)) in fields:
             return ""
         return self._store.hash_rihs01(type_name)
 
     def make(self, type_name: str, /, **fields: object) -> Message:
-        """A message with the given fields; the others are 0, empty or False."""
+        """Make a message with the given fields; the others are 0, empty or False."""
         known = self.fields(type_name)
         if unknown := fields.keys() - known.keys():
             raise MessageError(f"{type_name} has no field {min(unknown)}")
-        values = [
-            fields[name] if name in fields else self._default(field)
-            for name, field in known.items()
-        ]
+        defaults = {name: self._default(field) for name, field in known.items()}
+        values = (defaults | fields).values()
         return self._store.types[type_name](*values)  # type: ignore[arg-type]  # checked on encoding
 
     def encode(self, type_name: str, message: object) -> bytes:
@@ -128,10 +120,7 @@ class MessageTypes:
         if field[0] == Nodetype.NAME:
             return self.make(field[1])
         if field[0] == Nodetype.BASE:
-            name = field[1][0]
-            if name == "bool":
-                return False
-            return "" if name == "string" else 0.0 if name.startswith("float") else 0
+            return _DEFAULTS.get(field[1][0], 0)
         inner, size = field[1]
         count = size if field[0] == Nodetype.ARRAY else 0
         if inner[0] == Nodetype.NAME or inner[1][0] == "string":
@@ -139,8 +128,16 @@ class MessageTypes:
         return np.zeros(count, dtype=_DTYPES.get(inner[1][0], inner[1][0]))
 
 
+_DEFAULTS = {"bool": False, "string": "", "float32": 0.0, "float64": 0.0}
+_DTYPES = {"byte": "uint8", "char": "uint8"}
+
+
+def is_array(field: FieldDesc) -> bool:
+    return field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+
+
 def element(field: FieldDesc) -> FieldDesc:
-    """What an array holds; any other field as it is."""
+    """Return what an array holds, and any other field as it is."""
     return field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
 
 
@@ -149,7 +146,8 @@ def nested_types(type_name: str, fields: Typesdict) -> list[str]:
     return [field[1] for field in inner if field[0] == Nodetype.NAME]
 
 
-def _closure(type_name: str, fields: Typesdict) -> set[str]:
+def _all_nested(type_name: str, fields: Typesdict) -> set[str]:
+    """Return the type and all types in it; MadrobError where one lacks or contains itself."""
     graph: dict[str, list[str]] = {}
     waiting = [type_name]
     while waiting:
@@ -167,17 +165,18 @@ def _closure(type_name: str, fields: Typesdict) -> set[str]:
 
 
 def _line(error: Exception) -> str:
-    return next(iter(str(error).splitlines()), "") or type(error).__name__
+    lines = str(error).splitlines() or [""]
+    return lines[0] or type(error).__name__
 
 
 @cache
 def standard_types() -> MessageTypes:
-    """The types of ROS 2, shared so that readers compile once. Register nothing here."""
+    """Return the types of ROS 2, shared so that readers compile once. Register nothing here."""
     return MessageTypes()
 
 
 def types_of(topics: Iterable[Topic]) -> MessageTypes:
-    """The types of a bag's topics; other than standard ones are registered for this bag alone."""
+    """Return the types of a bag's topics; other than standard ones are known for this bag alone."""
     unknown = [topic for topic in topics if not standard_types().knows(topic.type)]
     if not unknown:
         return standard_types()

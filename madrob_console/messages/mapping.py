@@ -13,44 +13,10 @@ from typing import NamedTuple, TypeAlias
 from madrob_console.common.errors import MadrobError
 from scoring.protocol import Signal, Strip
 
-
-class NamedElement(NamedTuple):
-    """The element of an array that is called `value` in the array `names` beside it."""
-
-    names: str
-    value: str
-
-
-Steps: TypeAlias = tuple[str | int | NamedElement, ...]
-
-_STEP = r"([A-Za-z]\w*)(?:\[(?:(\d+)|([A-Za-z]\w*)=([^\[\]]+))\])?"
-_PATH = re.compile(rf"{_STEP}(\.{_STEP})*", re.ASCII)
-_STEPS = re.compile(_STEP, re.ASCII)
-_LONGEST_INDEX = 4
-
-
-def parse_path(path: str) -> Steps:
-    if not _PATH.fullmatch(path):
-        raise MadrobError(
-            f"{path!r} is no field: write names with dots, for example position[0] or "
-            "position[name=door]"
-        )
-    steps: list[str | int | NamedElement] = []
-    for name, index, names, value in _STEPS.findall(path):
-        steps.append(name)
-        if index:
-            if len(index) > _LONGEST_INDEX:
-                raise MadrobError(f"{path!r}: no message has so many elements: use a smaller index")
-            steps.append(int(index))
-        elif names:
-            steps.append(NamedElement(names, value))
-    return tuple(steps)
-
-
 STRIPS = {Signal.of_strip(strip): strip for strip in Strip}
 
 LARGEST_READ = 65_536
-"""Bytes of a message that is read without a limit of its topic's own.
+"""Bytes of the largest message that is read, where its topic has no limit of its own.
 
 Reading takes time: 500,000 names, 4 MB, take 0.2 s. What decides about a run may not wait for that.
 A scan of 4096 ranges with intensities has 33 kB.
@@ -97,8 +63,47 @@ class TopicMapping:
             words = f"no_echo {self.no_echo!r} is no number: write inf, nan or a range"
             raise MadrobError(f"{self.topic}: {words}") from None
 
+    @property
+    def element_name(self) -> str | None:
+        """The name of an element without which a message is no sample; None = there is none."""
+        return self.field.partition("=")[2].partition("]")[0] or None
+
     def limited(self) -> TopicMapping:
         return replace(self, largest=self.largest or LARGEST_READ)
+
+
+class NamedElement(NamedTuple):
+    """The element of an array that is called `value` in the array `names` beside it."""
+
+    names: str
+    value: str
+
+
+Steps: TypeAlias = tuple[str | int | NamedElement, ...]
+
+_STEP = r"([A-Za-z]\w*)(?:\[(?:(\d+)|([A-Za-z]\w*)=([^\[\]]+))\])?"
+_PATH = re.compile(rf"{_STEP}(\.{_STEP})*", re.ASCII)
+_STEPS = re.compile(_STEP, re.ASCII)
+_LONGEST_INDEX = 4
+
+
+def parse_path(path: str) -> Steps:
+    """Split the path of a field; MadrobError where it is none."""
+    if not _PATH.fullmatch(path):
+        raise MadrobError(
+            f"{path!r} is no field: write names with dots, for example position[0] or "
+            "position[name=door]"
+        )
+    steps: list[str | int | NamedElement] = []
+    for name, index, names, value in _STEPS.findall(path):
+        steps.append(name)
+        if len(index) > _LONGEST_INDEX:
+            raise MadrobError(f"{path!r}: no message has so many elements: use a smaller index")
+        if index:
+            steps.append(int(index))
+        elif names:
+            steps.append(NamedElement(names, value))
+    return tuple(steps)
 
 
 DEFAULT_MAPPINGS: tuple[TopicMapping, ...] = (
