@@ -11,7 +11,8 @@ import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated_node import serve_testbed
 from madrob_console.testbeds.source import Source
+from scoring.protocol import Signal
 from tests.madrob_console import said
 from tests.madrob_console.cli.typed import Screen
 from tests.madrob_console.engine.drive import Drive, make_setup
@@ -231,7 +233,7 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     peer.publisher(wrong.topic, BOOL)
     peer.publisher(ROBOT_STARTED_TOPIC, BOOL)
     first, _ = (peer.publisher(twice.topic, twice.type) for _ in range(2))
-    with published(first), Taker(source()) as other:
+    with published(first, ranges=[1.0] * 4, range_max=4.0), Taker(source()) as other:
         other.source.publish(said.state("idle"))
         found = examined(tmp_path, 2.0)
     expected = {
@@ -266,6 +268,38 @@ def test_an_index_into_several_names_is_said(peer: Peer, tmp_path: Path) -> None
     assert [one for one in findings if "names" in one.text] == [
         Finding(Severity.WARNING, mapping.topic, text)
     ]
+
+
+@pytest.mark.slow
+@pytest.mark.machine
+def test_joints_of_others_are_not_counted(peer: Peer, tmp_path: Path) -> None:
+    mapping = replace(DEFAULT_MAPPINGS[0], field="position[name=door]")
+    door, arm = (peer.publisher(mapping.topic, mapping.type) for _ in range(2))
+    with (
+        published(door, name=["door"], position=[0.5]),
+        published(arm, name=["elbow"], position=[0.5]),
+    ):
+        found = examined(tmp_path, 2.0, mapping)[mapping.topic]
+    assert found.severity is Severity.OK
+    assert found.text.startswith(f"2 publishers, {mapping.type}, ")
+    assert float(found.text.split()[-2]) == pytest.approx(20, abs=5)
+
+
+@pytest.mark.slow
+@pytest.mark.machine
+def test_range_outside_its_limits_is_said(peer: Peer, tmp_path: Path) -> None:
+    mappings = [
+        TopicMapping(Signal.CW_LEFT, f"/lab/range_{n}", "sensor_msgs/msg/Range", "range")
+        for n in range(4)
+    ]
+    with ExitStack() as lab:
+        for each in mappings:
+            publisher = peer.publisher(each.topic, each.type)
+            lab.enter_context(published(publisher, range=0.7, max_range=0.0))
+        findings = list(doctor(mappings, tmp_path, disk_space=1, listen=2.0))
+    text = "range 0: 0.70 m is outside of the message's limits 0..0"
+    said = Finding(Severity.WARNING, mappings[3].topic, text)
+    assert said in findings
 
 
 @pytest.mark.slow
