@@ -10,7 +10,8 @@ from statistics import median
 
 from madrob_console.common.clock import nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
-from madrob_console.messages.codec import HEAD, begins_with_header, header_stamp
+from madrob_console.messages.codec import HEAD, header_stamp
+from madrob_console.messages.fields import begins_with_header
 from madrob_console.messages.mapping import TopicMapping
 from madrob_console.messages.types import types_of
 from recorder import RecorderError

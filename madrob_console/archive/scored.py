@@ -326,7 +326,7 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: ty
                 assessment.feed(sample)
         if remark := decoder.remark:
             for assessment in assessments:
-                assessment.report_problem(remark.words, remark.doubts)
+                assessment.report_problem(*remark)
     for assessment in assessments:
         report_bag(assessment, recorded)
     return assessments

@@ -10,10 +10,8 @@ import math
 import struct
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import NamedTuple
 
 from msgspec.structs import replace as with_fields
-from rosbags.interfaces import Nodetype
 
 from madrob_console.common.clock import NS, seconds
 from madrob_console.common.errors import MadrobError
@@ -27,13 +25,6 @@ from scoring.quality import is_reading
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 
-class Remark(NamedTuple):
-    """What to know of what was read, and the signal that it casts doubt on."""
-
-    words: str
-    doubts: Signal | None = None
-
-
 class Decoder:
     """Turns the configured topics' bytes into samples.
 
@@ -42,13 +33,14 @@ class Decoder:
     Attributes:
         absent: the name that the newest message lacks, so that it is no sample; else None.
         doubt: why the newest sample may be wrong, or lacks a reading; None = no reason is known.
-        remark: what the newest message is the first of its topic to show; mostly None.
+        remark: what the newest message is the first of its topic to show, and the signal that it
+            casts doubt on; mostly None.
     """
 
     def __init__(self, mappings: Sequence[TopicMapping], types: MessageTypes) -> None:
         self.absent: str | None = None
         self.doubt: str | None = None
-        self.remark: Remark | None = None
+        self.remark: tuple[str, Signal] | None = None
         self._types = types
         self._mappings: dict[str, TopicMapping] = {}
         self._readers: dict[str, _Reader] = {}
@@ -62,8 +54,7 @@ class Decoder:
             topics = [mapping.topic for mapping in mappings if mapping.signal is signal]
             if signal in STRIPS and len(topics) == SENSORS_PER_STRIP:
                 newest: list[PassageSample | None] = [None] * SENSORS_PER_STRIP
-                for place, topic in enumerate(topics):
-                    self._parts[topic] = (newest, place)
+                self._parts |= {topic: (newest, place) for place, topic in enumerate(topics)}
             elif len(topics) > 1:
                 raise MadrobError(f"{signal.value} is mapped twice: keep one topic")
 
@@ -122,20 +113,19 @@ class Decoder:
             name = names[int(index)][:_LONGEST_NAME]
         except IndexError:
             return
-        if reader.first_name is None:
-            reader.first_name = name
+        reader.first_name = reader.first_name or name
         if len(names) == 1 and name == reader.first_name:
             return
 
-        what = f"was '{terminal_safe(reader.first_name)}', then '{terminal_safe(name)}'"
+        found = f"was '{terminal_safe(reader.first_name)}', then '{terminal_safe(name)}'"
         if len(names) > 1:
-            what = f"is '{terminal_safe(name)}', one of {len(names)} names"
-        words = f"{mapping.topic}: {mapping.field} {what}: use {array}[name=...]"
+            found = f"is '{terminal_safe(name)}', one of {len(names)} names"
+        words = f"{mapping.topic}: {mapping.field} {found}: use {array}[name=...]"
         if len(names) > 1:
             self.doubt = words
         if not reader.is_doubted:
             reader.is_doubted = True
-            self.remark = Remark(words, mapping.signal)
+            self.remark = (words, mapping.signal)
 
     def _join(
         self, part: PassageSample, newest: list[PassageSample | None], place: int
@@ -201,7 +191,7 @@ class _Reader:
         self._limits = _find_limits(self._field, types)
         self._has_stamp = has_header(types, mapping.type)
         self.names = self._field.names(types)
-        self.first_name: str | None = None
+        self.first_name = ""
         self.is_doubted = False
 
     def sample(self, content: Message, message: RawMessage) -> Sample:
@@ -216,7 +206,11 @@ class _Reader:
             ranges, low, high = self._ranges(content)
             strip = STRIPS[signal]
             return PassageSample(time, log_time, strip, ranges, low, high, message.sequence)
-        value = self._number(content) * self.mapping.scale + self.mapping.offset
+        try:
+            number = float(self._field.value(content))
+        except IndexError:
+            number = math.nan  # an empty array says none
+        value = number * self.mapping.scale + self.mapping.offset
         if signal is Signal.DOOR:
             return DoorSample(time, log_time, value, message.sequence)
         if signal is Signal.HANDLE:
@@ -225,14 +219,8 @@ class _Reader:
             raise MessageError(f"{self.mapping.field} says nothing about the {signal.value}")
         return LatchSample(time, log_time, value >= 0.5, message.sequence)
 
-    def _number(self, content: Message) -> float:
-        try:
-            return float(self._field.value(content))
-        except IndexError:
-            return math.nan  # an empty array says none
-
     def _ranges(self, content: Message) -> tuple[tuple[float, ...], float, float]:
-        """Return the ranges and their limits, scaled; without echo they are infinite."""
+        """Return the ranges, infinite without echo, and their limits; all scaled."""
         mapping = self.mapping
         try:
             found = self._field.value(content)
@@ -243,19 +231,21 @@ class _Reader:
             limits = [each[0] for each in limits if each]
         if not self._field.numbers:
             found = [found]
-        ranges = [float(distance) for distance in found[:SENSORS_PER_STRIP]]
-        low, high = limits or (0.0, math.inf)
-
         no_echo = float(mapping.no_echo)
-        if math.isnan(no_echo):
-            ranges = [math.inf if math.isnan(r) else r for r in ranges]
-        elif no_echo < math.inf:
-            ranges = [math.inf if math.isclose(r, no_echo, rel_tol=1e-6) else r for r in ranges]
-        if mapping.scale != 1.0 or mapping.offset != 0.0:
-            ranges = [r * mapping.scale + mapping.offset for r in ranges]
-            if limits:
-                low, high = sorted(n * mapping.scale + mapping.offset for n in limits)
-        return tuple(ranges), low, high
+        ranges = []
+        for distance in found[:SENSORS_PER_STRIP]:
+            value = float(distance)
+            is_nan = math.isnan(value) and math.isnan(no_echo)
+            if is_nan or math.isclose(value, no_echo, rel_tol=1e-6):
+                value = math.inf
+            ranges.append(value * mapping.scale + mapping.offset)
+
+        if not limits:
+            return tuple(ranges), 0.0, math.inf
+        scaled = [limit * mapping.scale + mapping.offset for limit in limits]
+        if mapping.scale < 0:
+            scaled.reverse()
+        return tuple(ranges), scaled[0], scaled[1]
 
 
 def find_signal(
@@ -289,11 +279,6 @@ HEAD = 12
 """Size of the stamp in bytes: four of encapsulation, then seconds and nanoseconds."""
 
 _CODES = {b"\x00\x00": struct.Struct(">iI"), b"\x00\x01": struct.Struct("<iI")}
-
-
-def begins_with_header(types: MessageTypes, type_name: str) -> bool:
-    first = next(iter(types.fields(type_name).values()), None)
-    return first == (Nodetype.NAME, "std_msgs/msg/Header")
 
 
 def header_stamp(data: bytes) -> float | None:
@@ -336,8 +321,13 @@ _MOST_SHOWN = 60
 
 
 def describe_topic(types: MessageTypes, name: str, type_name: str, qos: Qos | None = None) -> Topic:
-    definition = types.definition(type_name) or "\n"  # some readers of bags refuse an empty one
-    return Topic(name, type_name, definition, types.type_hash(type_name), qos or Qos())
+    return Topic(
+        name,
+        type_name,
+        types.definition(type_name) or "\n",  # some readers of bags refuse an empty one
+        types.type_hash(type_name),
+        qos or Qos(),
+    )
 
 
 def referee_topics(types: MessageTypes) -> tuple[Topic, ...]:

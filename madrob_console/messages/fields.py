@@ -107,9 +107,15 @@ def find_field(types: MessageTypes, type_name: str, path: str) -> MessageField:
     return MessageField(steps[len(messages or ()) :], numbers, owner, base, messages)
 
 
+_HEADER = (Nodetype.NAME, "std_msgs/msg/Header")
+
+
 def has_header(types: MessageTypes, type_name: str) -> bool:
-    field = types.fields(type_name).get("header")
-    return field is not None and field[1] == "std_msgs/msg/Header"
+    return types.fields(type_name).get("header") == _HEADER
+
+
+def begins_with_header(types: MessageTypes, type_name: str) -> bool:
+    return next(iter(types.fields(type_name).values()), None) == _HEADER
 
 
 def _problem_of(

@@ -81,10 +81,9 @@ class NamedElement(NamedTuple):
 
 Steps: TypeAlias = tuple[str | int | NamedElement, ...]
 
-_STEP = r"([A-Za-z]\w*)(?:\[(?:(\d+)|([A-Za-z]\w*)=([^\[\]]+))\])?"
+_STEP = r"([A-Za-z]\w*)(?:\[(?:(\d{1,4})|([A-Za-z]\w*)=([^\[\]]+))\])?"
 _PATH = re.compile(rf"{_STEP}(\.{_STEP})*", re.ASCII)
 _STEPS = re.compile(_STEP, re.ASCII)
-_LONGEST_INDEX = 4
 
 
 def parse_path(path: str) -> Steps:
@@ -97,8 +96,6 @@ def parse_path(path: str) -> Steps:
     steps: list[str | int | NamedElement] = []
     for name, index, names, value in _STEPS.findall(path):
         steps.append(name)
-        if len(index) > _LONGEST_INDEX:
-            raise MadrobError(f"{path!r}: no message has so many elements: use a smaller index")
         if index:
             steps.append(int(index))
         elif names:

@@ -79,8 +79,9 @@ class MessageTypes:
     def definition(self, type_name: str) -> str:
         """Return the type's `ros2msg` text with every nested definition appended."""
         self.fields(type_name)
-        given = self._given.get(type_name)
-        return given or self._store.generate_msgdef(type_name, ros_version=2)[0]
+        return (
+            self._given.get(type_name) or self._store.generate_msgdef(type_name, ros_version=2)[0]
+        )
 
     def type_hash(self, type_name: str) -> str:
         """Return the type's `RIHS01_...` hash; empty where rosbags would compute a wrong one."""
@@ -99,8 +100,9 @@ class MessageTypes:
         if unknown := fields.keys() - known.keys():
             raise MessageError(f"{type_name} has no field {min(unknown)}")
         defaults = {name: self._default(field) for name, field in known.items()}
-        values = (defaults | fields).values()
-        return self._store.types[type_name](*values)  # type: ignore[arg-type]  # checked on encoding
+        return self._store.types[type_name](
+            *(defaults | fields).values()  # type: ignore[arg-type]  # checked on encoding
+        )
 
     def encode(self, type_name: str, message: object) -> bytes:
         try:
@@ -165,8 +167,7 @@ def _all_nested(type_name: str, fields: Typesdict) -> set[str]:
 
 
 def _line(error: Exception) -> str:
-    lines = str(error).splitlines() or [""]
-    return lines[0] or type(error).__name__
+    return str(error).partition("\n")[0] or type(error).__name__
 
 
 @cache

@@ -102,7 +102,7 @@ class Observation:
             tracker.feed(sample)
         remark = self._decoder.remark
         if tracker is not None and remark is not None:
-            tracker.assessment.report_problem(remark.words, remark.doubts)
+            tracker.assessment.report_problem(*remark)
 
     def advance(self, run: Run, now: float, fed_until: float) -> tuple[Run, list[Happening]]:
         if self.tracker is None or not run.active:

@@ -48,7 +48,7 @@ from madrob_console.engine.runtime.replay import Replay, ReplayPerformer
 from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.engine.runtime.supervisor import Worker
 from madrob_console.engine.snapshot import ExportView, Snapshot
-from madrob_console.messages.codec import begins_with_header
+from madrob_console.messages.fields import begins_with_header
 from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import Act, Situation
 from madrob_console.referee.competition_plan import NO_PLAN, Plan

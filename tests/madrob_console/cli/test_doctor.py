@@ -299,7 +299,7 @@ def test_range_outside_its_limits_is_said(peer: Peer, tmp_path: Path) -> None:
         findings = list(doctor(mappings, tmp_path, disk_space=1, listen=2.0))
     text = "range 0: 0.70 m is outside of the message's limits 0..0"
     said = Finding(Severity.WARNING, mappings[3].topic, text)
-    assert said in findings
+    assert said in findings, findings
 
 
 @pytest.mark.slow
