@@ -126,8 +126,11 @@ def _report(
 
 SYSTEM_ROS = Path("/opt/ros")
 _WHEELS = "ros-jazzy-rclpy"
-_DISCOVERY = 3.0
-"""Timeout of discovery, s; it ends sooner if everything is found."""
+_DISCOVERY = 4.0
+"""Timeout of discovery, s; it ends sooner if everything is found.
+
+What is lost at first is said again after 3 s.
+"""
 
 
 def look_at_ros(
