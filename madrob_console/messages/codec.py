@@ -235,8 +235,9 @@ class _Reader:
         ranges = []
         for distance in found[:SENSORS_PER_STRIP]:
             value = float(distance)
-            is_nan = math.isnan(value) and math.isnan(no_echo)
-            if is_nan or math.isclose(value, no_echo, rel_tol=1e-6):
+            if math.isclose(value, no_echo, rel_tol=1e-6) or (
+                math.isnan(value) and math.isnan(no_echo)
+            ):
                 value = math.inf
             ranges.append(value * mapping.scale + mapping.offset)
 

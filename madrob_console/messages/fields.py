@@ -103,8 +103,9 @@ def find_field(types: MessageTypes, type_name: str, path: str) -> MessageField:
     if not _is_number(element(field)) or (messages is not None and is_array(field)):
         raise MessageError(f"{path} of {type_name} holds no numbers")
     numbers = is_array(field) or messages is not None
-    base = str(element(field)[1][0])
-    return MessageField(steps[len(messages or ()) :], numbers, owner, base, messages)
+    return MessageField(
+        steps[len(messages or ()) :], numbers, owner, str(element(field)[1][0]), messages
+    )
 
 
 _HEADER = (Nodetype.NAME, "std_msgs/msg/Header")

@@ -81,7 +81,7 @@ class NamedElement(NamedTuple):
 
 Steps: TypeAlias = tuple[str | int | NamedElement, ...]
 
-_STEP = r"([A-Za-z]\w*)(?:\[(?:(\d{1,4})|([A-Za-z]\w*)=([^\[\]]+))\])?"
+_STEP = r"([A-Za-z]\w*)(?:\[(?:(\d+)|([A-Za-z]\w*)=([^\[\]]+))\])?"
 _PATH = re.compile(rf"{_STEP}(\.{_STEP})*", re.ASCII)
 _STEPS = re.compile(_STEP, re.ASCII)
 
@@ -96,6 +96,8 @@ def parse_path(path: str) -> Steps:
     steps: list[str | int | NamedElement] = []
     for name, index, names, value in _STEPS.findall(path):
         steps.append(name)
+        if len(index) > 4:
+            raise MadrobError(f"{path!r}: no message has so many elements: use a smaller index")
         if index:
             steps.append(int(index))
         elif names:
