@@ -126,10 +126,10 @@ def _report(
 
 SYSTEM_ROS = Path("/opt/ros")
 _WHEELS = "ros-jazzy-rclpy"
-_DISCOVERY = 4.0
+_DISCOVERY = 7.0
 """Timeout of discovery, s; it ends sooner if everything is found.
 
-What is lost at first is said again after 3 s.
+What is lost at first is said again each 3 s.
 """
 
 
