@@ -25,13 +25,10 @@ from madrob_console.cli.reference_set import (
     ARCHIVE,
     EXPECTED_FILE,
     FOLDER,
-    Expected,
-    read_references,
     recordings_of,
 )
 from recorder.reader import Bag
 from scoring.assessment import Assessment
-from scoring.indicator_table import IndicatorName
 from scoring.protocol import Thresholds
 from scoring.rulesets import LowPassRule, ruleset
 from tests.madrob_console.cli.typed import Madrob
@@ -201,25 +198,6 @@ def assert_close(told: object, made: object) -> None:
             assert told == pytest.approx(made, rel=1e-9, abs=1e-9)
         case _:
             assert told == made
-
-
-def test_the_protocol_page_says_of_each_reference_what_must_come_out() -> None:
-    text = (ROOT / "scoring/PROTOCOL.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \| (.*) \| (.*) \|$", text, re.MULTILINE)
-    shipped = {one.name: one for one in read_references(FOLDER)}
-    assert {name for name, *_ in rows} == shipped.keys()
-    for name, indicator, *cells in rows:
-        found = [one[IndicatorName(indicator)] for one in shipped[name].indicators.values()]
-        assert cells == list(map(told_as, found))
-
-
-def told_as(expected: Expected) -> str:
-    """As the page has it."""
-    if expected.missing is not None:
-        return expected.missing
-    ends = " .. ".join(dict.fromkeys(f"{end:.6g}" for end in (expected.lowest, expected.highest)))
-    exact = expected.truth is None or expected.lowest == expected.highest
-    return ends if exact else f"{expected.truth:.6g}: {ends}"
 
 
 @pytest.mark.slow
