@@ -51,6 +51,9 @@ _TORN = ".torn"
 _TOLD = 3
 """Damaged chunks that are told one by one."""
 
+_MOST_WAITING = 8_000_000
+"""Bytes of the new file that wait in memory."""
+
 _LARGEST_END = 100_000_000
 """A kill cuts one record, of no more bytes: a longer unreadable end is damage."""
 
@@ -246,6 +249,8 @@ def _copy(file: BufferedReader, new: BagFile, outline: Outline) -> None:
                 new.add_message(item)
             case ChunkEnd():
                 new.end_chunk()
+                if len(new.disk.waiting) > _MOST_WAITING:
+                    new.sync()
             case Topic():
                 new.register(item)
             case Metadata() if item.name != ROSBAG2_RECORD:  # it is made anew

@@ -41,6 +41,7 @@ from tests.recorder.samples import (
     in_order,
     killed_after,
     limited,
+    little_memory,
     raw_by_mcap,
     strings,
     talk,
@@ -221,6 +222,15 @@ def test_what_a_valid_file_may_hold_is_no_damage(tmp_path: Path, content: bytes)
     assert read.complete
     assert (tmp_path / "other.mcap").read_bytes() == content
     assert names(tmp_path) == ["metadata.yaml", "other.mcap"]
+
+
+def test_a_large_file_takes_little_memory(folder: Path) -> None:
+    with BagWriter(folder, [TOPIC], {}) as writer:
+        writer.put_all([blob(number, 500_000) for number in range(100)])
+    recording = folder / "bag_0.mcap"
+    os.truncate(recording, recording.stat().st_size - 100)
+    with little_memory(25_000_000):
+        assert recover(folder).messages == 100
 
 
 def test_to_repair_twice_is_harmless_and_what_is_torn_again_is_kept_again(
