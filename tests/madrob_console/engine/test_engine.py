@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import shutil
 import sys
@@ -11,7 +12,6 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from io import BytesIO, StringIO
 from pathlib import Path
-from traceback import format_stack
 from types import FrameType
 
 import jsonschema
@@ -269,7 +269,12 @@ class Watch:
             self._tell(f"{module}.{name}", frame)
 
     def _tell(self, what: str, frame: FrameType | None) -> None:
-        self.found.add(f"{what}: {''.join(format_stack(frame, _FRAMES))}")
+        """Note it and where it is; to read the source for that would be one more file."""
+        places: list[str] = []
+        while frame is not None and len(places) < _FRAMES:
+            places.append(f"{frame.f_code.co_filename}:{frame.f_lineno}")
+            frame = frame.f_back
+        self.found.add(f"{what}: {', '.join(places)}")
 
 
 _watches: list[Watch] = []
@@ -285,8 +290,13 @@ sys.addaudithook(_audited)  # for good: it cannot be taken away again
 
 @contextmanager
 def watched() -> Iterator[Watch]:
-    """Watch each engine that is made inside."""
+    """Watch each engine that is made inside.
+
+    What tests before have left for the garbage collector is not for the core to end.
+    """
     watch = Watch()
+    gc.collect()
+    gc.disable()
     _watches.append(watch)
     threading.setprofile(watch.profiled)
     try:
@@ -294,6 +304,7 @@ def watched() -> Iterator[Watch]:
     finally:
         threading.setprofile(None)
         _watches.clear()
+        gc.enable()
 
 
 @pytest.mark.machine
