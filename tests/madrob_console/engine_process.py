@@ -205,6 +205,9 @@ class EngineProcess(Closing):
         self.wait_for(lambda s: mendable.issuperset(c.name for c in blocking(s.checks)))
         fresh = self.snapshot().time
         self.wait_for(lambda s: s.time > fresh + ZERO_NEEDS)
+        now = self.snapshot()
+        if "SIMULATED" in now.label and now.run.setup is not None and not now.run.setup.practice:
+            self.act(SetUp(setup))  # that it is simulated was heard only now
         # on a busy machine the force may be old for a moment: a referee presses again
         self.wait_for(lambda _: self.client.send_request(Perform.of(ZeroHandle())) is None)
         self.act(ConfirmPose())

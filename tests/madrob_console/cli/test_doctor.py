@@ -232,8 +232,12 @@ def test_what_is_wrong_with_topics_is_said(peer: Peer, tmp_path: Path) -> None:
     peer.publisher(silent.topic, silent.type, BEST_EFFORT)
     peer.publisher(wrong.topic, BOOL)
     peer.publisher(ROBOT_STARTED_TOPIC, BOOL)
-    first, _ = (peer.publisher(twice.topic, twice.type) for _ in range(2))
-    with published(first, ranges=[1.0] * 4, range_max=4.0), Taker(source()) as other:
+    first, second = (peer.publisher(twice.topic, twice.type) for _ in range(2))
+    with (
+        published(first, ranges=[1.0] * 4, range_max=4.0),
+        published(second, ranges=[1.0] * 4, range_max=4.0),
+        Taker(source()) as other,
+    ):
         other.source.publish(said.state("idle"))
         found = examined(tmp_path, 2.0)
     expected = {
