@@ -15,6 +15,7 @@ from pathlib import Path
 
 from recorder.bag import METADATA_FILE, YAML_PROBLEMS, BagInformation, is_evidence
 from recorder.reader import (
+    METADATA_LIMIT,
     ForeignError,
     information_in,
     listed_names,
@@ -82,7 +83,7 @@ def listing(
 def _listed(folder_fd: int) -> list[str]:
     try:
         with open_recording(METADATA_FILE, folder_fd) as file:
-            names = listed_names(information_in(file.read()))
+            names = listed_names(information_in(file.read(METADATA_LIMIT)))
     except (ForeignError, OSError, *YAML_PROBLEMS):
         return []
     return [name for name in names if not is_evidence(name)]

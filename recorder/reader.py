@@ -54,7 +54,7 @@ _TYPES_LIMIT = 16 * 1024 * 1024
 """The most bytes of types, channels and records; those of a run have some 50 KiB."""
 
 _TOPIC_LIMIT = 1000
-_METADATA_LIMIT = 1024 * 1024
+METADATA_LIMIT = 1024 * 1024
 _NAME_LIMIT = 80
 
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
@@ -714,7 +714,7 @@ def bag_information(folder: Path) -> dict[str, Any]:
     Raises YAML_PROBLEMS if it is damaged, ForeignError if it is not a file.
     """
     with open_recording(folder / METADATA_FILE) as file:
-        return information_in(file.read(_METADATA_LIMIT))
+        return information_in(file.read(METADATA_LIMIT))
 
 
 def information_in(metadata: bytes) -> dict[str, Any]:
