@@ -164,7 +164,7 @@ class EngineLink:
                 try:
                     return await asyncio.wait_for(asyncio.wrap_future(answer), patience)
                 except TimeoutError:
-                    raise given_up(answer) from None
+                    return given_up(answer)
             return answer.result()
         finally:
             self._last_asked[name] = self._monotonic()

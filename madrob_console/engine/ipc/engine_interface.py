@@ -99,8 +99,18 @@ def awaited(answer: Future[T], patience: float) -> T:
     except CancelledError:
         raise MadrobError(NO_ANSWER) from None
     except TimeoutError:
-        raise given_up(answer) from None
+        return given_up(answer)
 
 
-def given_up(answer: Future[T]) -> MadrobError:
-    return MadrobError(NO_ANSWER) if answer.cancel() else UnsureError(UNSURE)
+def given_up(answer: Future[T]) -> T:
+    """Give a request up; returns its answer if that came just now.
+
+    Raises:
+        UnsureError: it had begun.
+        MadrobError: it failed, or had not begun.
+    """
+    if answer.cancel():
+        raise MadrobError(NO_ANSWER)
+    if answer.done():
+        return answer.result()
+    raise UnsureError(UNSURE)

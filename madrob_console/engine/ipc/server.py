@@ -374,14 +374,14 @@ class EngineServer:
         patience = deadline + request.effect_time - now
         try:
             answer = self._engine.begin_request(request, deadline, first=first)
-            value = await asyncio.wait_for(asyncio.wrap_future(answer), patience)
+            try:
+                value = await asyncio.wait_for(asyncio.wrap_future(answer), patience)
+            except TimeoutError:
+                value = given_up(answer)
             reply = wire.Reply(call.number, wire.raw(value))
-        except TimeoutError:
-            why = given_up(answer)
-            unsure = isinstance(why, UnsureError)
-            reply = wire.Reply(call.number, failed=str(why), unsure=unsure)
         except MadrobError as error:
-            reply = wire.Reply(call.number, failed=str(error))
+            unsure = isinstance(error, UnsureError)
+            reply = wire.Reply(call.number, failed=str(error), unsure=unsure)
         except Exception as error:  # noqa: BLE001 - the screen waits for an answer
             self._troubles.log_trouble("a request failed", error)
             reply = wire.Reply(call.number, failed=f"the engine cannot do that now ({error})")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +22,7 @@ from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.ipc import client as screens
 from madrob_console.engine.ipc import greeting, wire
 from madrob_console.engine.ipc.client import snapshot_of
-from madrob_console.engine.ipc.engine_interface import EngineClient
+from madrob_console.engine.ipc.engine_interface import EngineClient, UnsureError, given_up
 from madrob_console.engine.ipc.server import MOST_UNDER_WAY, TOO_MANY
 from madrob_console.engine.playback import (
     NO_REPLAY,
@@ -425,3 +425,19 @@ def test_one_that_waits_does_not_hold_up_the_others(
         go_on.set()
         with pytest.raises(MadrobError, match="its bag is gone"):
             opening.result()
+
+
+def test_answer_that_comes_just_too_late_counts() -> None:
+    answer: Future[str | None] = Future()
+    answer.set_exception(MadrobError("the run is over"))
+
+    with pytest.raises(MadrobError, match="the run is over"):
+        given_up(answer)
+
+
+def test_request_that_has_begun_is_unsure() -> None:
+    answer: Future[str | None] = Future()
+    answer.set_running_or_notify_cancel()
+
+    with pytest.raises(UnsureError):
+        given_up(answer)
