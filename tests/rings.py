@@ -46,6 +46,7 @@ FOLDERS: Mapping[str, Ring] = {
     "madrob_console/whole": Ring.MACHINE,
     "recorder": Ring.PURE,
     "scoring": Ring.PURE,
+    "slice": Ring.PURE,
     "corpus": Ring.PURE,
     "stories": Ring.STORIES,
     "test_papers.py": Ring.PURE,
