@@ -73,8 +73,8 @@ class Server:
             await self._serve_screen(self._admit(hello, writer), reader)
         except MadrobError as error:
             writer.write(wire.frame(wire.Rejected(str(error))))
-        except (OSError, EOFError, TimeoutError):
-            pass  # it has gone, or said nothing
+        except (OSError, EOFError, TimeoutError, asyncio.CancelledError):
+            pass  # it has gone, or said nothing, or the engine ends
         finally:
             writer.close()
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from madrob_console.archive.scored import score_recording
 from madrob_console.referee.acts import Abort, AddNote, Start, Void
 from madrob_console.referee.journal import read_journal
+from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
 from scoring.indicator_table import IndicatorName
 from tests.slice.acts import DURABLE_WITHIN
@@ -35,6 +36,9 @@ def test_run_is_scored_as_from_its_bag(tmp_path: Path) -> None:
         assert result is not None
         assert result.indicators[IndicatorName.CAPABILITY_LEVEL].value == 6
         assert result == score_recording(folder)[0].result
+        live = [line.details["time"] for line in hall.entries() if line.what == Change.EVENT]
+        # The first and the last one are the start and the stop.
+        assert live == [event.time for event in result.events[1:-1]]
 
     play(story())
 
