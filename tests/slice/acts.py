@@ -16,7 +16,9 @@ DURABLE_WITHIN = 2.0
 
 
 class Acts:
-    """Performs one durable act at a time; those that take effect at once never wait.
+    """Performs one durable act at a time.
+
+    Those that take effect at once never wait.
 
     Attributes:
         pending: the act that waits for the disk; None = none does.
@@ -108,7 +110,10 @@ class Acts:
 
 
 def _withdrawn(job: Job) -> str:
-    """Why the disk's answer is not waited for any more; empty = it is there."""
+    """Why the disk's answer is not waited for any more.
+
+    Empty = it is there.
+    """
     if job.answer.cancelled():
         return "taken back by the referee"
     if not job.answer.done():

@@ -14,7 +14,10 @@ from madrob_console.referee.acts import Act, act_details
 from tests.slice import wire
 
 PATIENCE = 5.0
-"""How long an answer may take, s; what has not begun 2.5 s before its end never happens."""
+"""How long an answer may take, s.
+
+What has not begun 2.5 s before its end never happens.
+"""
 
 EFFECT_TIME = 2.5
 
@@ -36,13 +39,19 @@ class Client:
         self.state: wire.State | None = None
 
     async def attach(self, socket: Path, role: wire.Role, who: str) -> None:
-        """Attach to an engine; OSError where there is none."""
+        """Attach to an engine.
+
+        OSError where there is none.
+        """
         reader, self._writer = await asyncio.open_unix_connection(socket)
         self._writer.write(wire.frame(wire.Hello(role, who)))
         self._listening = asyncio.create_task(self._listen(reader))
 
     async def perform(self, act: Act) -> str | None:
-        """Have an act done and return its refusal, or None; TimeoutError without an answer."""
+        """Have an act done and return its refusal, or None.
+
+        TimeoutError without an answer.
+        """
         deadline = time.monotonic() + PATIENCE - EFFECT_TIME
         number = next(self._numbers)
         act_id = os.urandom(8).hex()

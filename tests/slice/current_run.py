@@ -74,7 +74,10 @@ class CurrentRun:
     # What the referee decides.
 
     def apply(self, act: Act, line: Entry) -> None:
-        """Put an act into effect; its line follows in its order."""
+        """Put an act into effect.
+
+        Its line follows in its order.
+        """
         if Consequence.NEW_RUN in act.consequences:
             self._begin_next()
         self.change(act.apply(self.situation(), line.time))
@@ -207,7 +210,10 @@ class CurrentRun:
         )
 
     def close(self) -> None:
-        """Leave the files of the run; what the disk has not taken is lost."""
+        """Leave the files of the run.
+
+        What the disk has not taken is lost.
+        """
         if self.recording is not None:
             self.recording.close()
 

@@ -92,7 +92,10 @@ class Disk:
             job.answer.set_exception(error)
 
     async def run(self, work: Callable[[], Any]) -> Any:  # noqa: ANN401  whatever the work returns
-        """Do one job now; tests put a slow or silent disk here."""
+        """Do one job now.
+
+        Tests put a slow or silent disk here.
+        """
         return await asyncio.get_running_loop().run_in_executor(self._thread, work)
 
     def close(self) -> None:

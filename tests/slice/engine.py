@@ -35,7 +35,10 @@ NEWEST_LINES = 50
 
 
 class Engine:
-    """Records, judges and scores the runs of a testbed; made and run in one event loop."""
+    """Records, judges and scores the runs of a testbed.
+
+    Made and run in one event loop.
+    """
 
     def __init__(
         self,
@@ -56,7 +59,10 @@ class Engine:
         self.score_times: list[float] = []
 
     async def run(self, socket: Path) -> None:
-        """Serve screens until this is cancelled; every task starts here."""
+        """Serve screens until this is cancelled.
+
+        Every task starts here.
+        """
         self._source.open()
         try:
             async with asyncio.TaskGroup() as tasks:
@@ -114,7 +120,10 @@ class Engine:
         self.score_times.append(time.monotonic() - begun)
 
     def state(self, holder: str) -> wire.State:
-        """Return what screens show now; `holder` has the right to act."""
+        """Return what screens show now.
+
+        `holder` has the right to act.
+        """
         current = self.current
         observation = current.observation
         sensors = observation.sensors

@@ -12,7 +12,10 @@ from madrob_console.testbeds.source import Source
 from recorder import BagWriter, RawMessage
 
 BACKLOG = 20_000
-"""Messages that wait to be judged; what comes beyond is recorded, counted, and not judged live."""
+"""Messages that wait to be judged.
+
+What comes beyond is recorded, counted, and not judged live.
+"""
 
 TAKE_PERIOD = 0.02
 """Longest wait for messages, s."""
@@ -47,7 +50,10 @@ class Intake:
         return self.taken_until
 
     def record(self, bag: BagWriter | None) -> None:
-        """Record what comes from now on; None ends it."""
+        """Record what comes from now on.
+
+        None ends it.
+        """
         self._known = {topic.name for topic in self._source.topics()}
         self._bag = bag
 

@@ -54,7 +54,10 @@ class Recording:
             raise
 
     def append(self, entry: Entry) -> None:
-        """Write a line, on disk on return; OSError where the disk refuses it."""
+        """Write a line, on disk on return.
+
+        OSError where the disk refuses it.
+        """
         self._append([entry])
 
     def _append(self, entries: Sequence[Entry]) -> None:
@@ -69,7 +72,10 @@ class Recording:
         self.close()
 
     def close_bag(self) -> None:
-        """Finish the bag, as long as the disk takes; the journal goes on."""
+        """Finish the bag, as long as the disk takes.
+
+        The journal goes on.
+        """
         self.bag.close(None)
 
     def close(self) -> None:

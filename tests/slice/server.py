@@ -127,7 +127,10 @@ class Server:
         return await self._engine.acts.perform(act, request.id)
 
     def _no_right(self, screen: _Screen, request: wire.Perform | wire.TakeOver) -> str | None:
-        """Why a screen may not act; a free right goes to the first that asks."""
+        """Why a screen may not act.
+
+        A free right goes to the first that asks.
+        """
         if screen.hello.role is wire.Role.WATCH:
             return "this screen only watches"
         if self._holder is None or isinstance(request, wire.TakeOver):

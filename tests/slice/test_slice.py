@@ -1,4 +1,7 @@
-"""The slice in virtual time: a run to the digit; acts on a slow, a silent and a full disk."""
+"""The slice in virtual time: a run to the digit.
+
+Acts on a slow, a silent and a full disk.
+"""
 
 from __future__ import annotations
 

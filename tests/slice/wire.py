@@ -22,7 +22,10 @@ from scoring.procedure import StepRecord
 from scoring.protocol import Event
 
 LARGEST = 16_000_000
-"""Bytes of a frame; longer ones end the connection."""
+"""Bytes of a frame.
+
+Longer ones end the connection.
+"""
 
 _LENGTH = struct.Struct(">I")
 
@@ -42,7 +45,9 @@ class Hello(msgspec.Struct, frozen=True, tag=True):
 
 
 class Perform(msgspec.Struct, frozen=True, tag=True):
-    """Do an act; its `id` is the screen's, and a second one with it is answered like the first.
+    """Do an act.
+
+    Its `id` is the screen's, and a second one with it is answered like the first.
 
     What has not begun by the `deadline` (monotonic s) never happens.
     """
@@ -61,14 +66,19 @@ class TakeOver(msgspec.Struct, frozen=True, tag=True):
 
 
 class Answer(msgspec.Struct, frozen=True, tag=True):
-    """Why a request was refused, in words; None = it is done."""
+    """Why a request was refused, in words.
+
+    None = it is done.
+    """
 
     number: int
     refusal: str | None
 
 
 class State(msgspec.Struct, frozen=True, tag=True):
-    """What a screen shows; `holder` has the right to act.
+    """What a screen shows.
+
+    `holder` has the right to act.
 
     Times are s since the epoch. `result` has the values of the indicators, None without one.
     """

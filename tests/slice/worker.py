@@ -1,4 +1,7 @@
-"""A child process that answers one question after the other; one that dies or hangs is replaced."""
+"""A child process that answers one question after the other.
+
+One that dies or hangs is replaced.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,10 @@ class Worker:
         self.problem = ""
 
     async def ask(self, question: object) -> Any:  # noqa: ANN401  whatever `answer` returns
-        """Return the answer to a question; MadrobError where none can be had."""
+        """Return the answer to a question.
+
+        MadrobError where none can be had.
+        """
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._thread, self._ask, question)
 
