@@ -11,6 +11,7 @@ from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.acts import refusals
 from madrob_console.testbeds.source import Source
+from scoring.kinematics import load_filters
 from scoring.protocol import POST_ROLL
 from tests.slice import wire
 from tests.slice.acts import Acts
@@ -55,7 +56,7 @@ class Engine:
         self.intake = Intake(source, clock)
         self.current = CurrentRun(source, clock, config, types, self.intake, self.disk)
         self.acts = Acts(self.current)
-        self._worker = worker or Worker(score)
+        self._worker = worker or Worker(score, load_filters)
         self.score_times: list[float] = []
 
     async def run(self, socket: Path) -> None:
@@ -64,6 +65,7 @@ class Engine:
         Every task starts here.
         """
         self._source.open()
+        self._worker.warm()
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(asyncio.to_thread(self.intake.run))

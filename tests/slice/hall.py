@@ -14,6 +14,7 @@ from madrob_console.referee.acts import Act, ConfirmPose, SetUp, Start, ZeroHand
 from madrob_console.referee.journal import Entry, read_journal
 from madrob_console.testbeds.simulated import Scenario, SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
+from scoring.kinematics import load_filters
 from tests.madrob_console.engine.drive import make_setup
 from tests.slice.disk import Disk
 from tests.slice.engine import Engine
@@ -61,7 +62,9 @@ class Hall:
         source = SimulatedSource(SimulatedTestbed(scenario), clock, types)
         config = EngineConfig(results, DEFAULT_MAPPINGS, 0, lossless=True)
         self.disk = SlowDisk()
-        self.engine = Engine(source, clock, config, types, self.disk, InlineWorker(score))
+        self.engine = Engine(
+            source, clock, config, types, self.disk, InlineWorker(score, load_filters)
+        )
         source.open()
         self._tasks = [
             asyncio.create_task(self._feed()),

@@ -103,7 +103,9 @@ class Hall:
 
 
 @asynccontextmanager
-async def hall(rate: float, times: int = 1, results: Path | None = None) -> AsyncIterator[Hall]:
+async def hall(
+    rate: float, times: int = 1, results: Path | None = None, scenario: str = "nominal"
+) -> AsyncIterator[Hall]:
     """A testbed over DDS at so many Hz a topic, and the slice.
 
     Messages counted `times` over.
@@ -112,7 +114,7 @@ async def hall(rate: float, times: int = 1, results: Path | None = None) -> Asyn
     results = results or folder / "runs"
     socket = folder / "s"
     with (
-        beside("tests.slice.testbed", rate),
+        beside("tests.slice.testbed", rate, scenario),
         beside("tests.slice", results, socket, "--times", times) as engine,
     ):
         one = Hall(results, socket, engine)
@@ -278,7 +280,7 @@ async def hanging_start() -> None:
 async def results(*lengths: float) -> None:
     """Time out after so many s: how long after the post-roll the result is there."""
     for length in lengths:
-        async with hall(50.0) as one:
+        async with hall(50.0, scenario="no-touch") as one:
             await one.start(length)
             state = await one.client.until(lambda s: s.run.stop is not None)
             state = await one.client.until(lambda s: s.result is not None)
@@ -291,7 +293,7 @@ def results_today(*lengths: float) -> None:
     """Do the same with today's engine."""
     for length in lengths:
         with (
-            beside("tests.slice.testbed", 50.0),
+            beside("tests.slice.testbed", 50.0, "no-touch"),
             EngineProcess(Path(tempfile.mkdtemp()), None, settings=NO_REPORTS) as engine,
         ):
             engine.start(make_setup(countdown=1.0, timeout=length))

@@ -28,16 +28,24 @@ class Worker:
 
     Args:
         answer: makes the answer, in the process.
+        prepare: loads what takes long, in the process, before the first question.
         patience: how long it may take, s; then the process is killed and asked anew.
     """
 
-    def __init__(self, answer: Answer, patience: float = 60.0) -> None:
+    def __init__(
+        self, answer: Answer, prepare: Callable[[], object], patience: float = 60.0
+    ) -> None:
         self._answer = answer
+        self._prepare = prepare
         self._patience = patience
         self._thread = ThreadPoolExecutor(1, "worker")
         self._process: SpawnProcess | None = None
         self._pipe: Connection | None = None
         self.problem = ""
+
+    def warm(self) -> None:
+        """Start the process, so that the first answer does not wait for it."""
+        self._thread.submit(self._running)
 
     async def ask(self, question: object) -> Any:  # noqa: ANN401  whatever `answer` returns
         """Return the answer to a question.
@@ -72,7 +80,9 @@ class Worker:
             return self._pipe
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, self._answer), daemon=True)
+        self._process = context.Process(
+            target=_serve, args=(theirs, self._answer, self._prepare), daemon=True
+        )
         self._process.start()
         theirs.close()
         return self._pipe
@@ -87,9 +97,10 @@ class Worker:
         self._kill()
 
 
-def _serve(pipe: Connection, answer: Answer) -> None:
+def _serve(pipe: Connection, answer: Answer, prepare: Callable[[], object]) -> None:
     """Answer until the engine closes its end."""
     os.nice(5)
+    prepare()
     while True:
         try:
             question = pipe.recv()
