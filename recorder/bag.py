@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import chain
 from typing import Any
@@ -262,3 +262,12 @@ class RawMessage(msgspec.Struct, frozen=True, gc=False):
     publish_ns: int
     receive_ns: int
     sequence: int = 0
+
+
+@dataclass(slots=True)
+class Batch:
+    """What is read, or written, together: topics, then their messages, then metadata records."""
+
+    topics: list[Topic] = field(default_factory=list)
+    messages: list[RawMessage] = field(default_factory=list)
+    records: dict[str, dict[str, str]] = field(default_factory=dict)

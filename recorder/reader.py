@@ -13,15 +13,14 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from io import SEEK_END, BufferedReader, BytesIO
 from pathlib import Path, PurePath
-from typing import Any, TypeAlias
+from typing import Any
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE, SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, Metadata, Schema, Statistics
+from mcap.records import Channel, Chunk, Metadata, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC
 
@@ -31,6 +30,7 @@ from recorder.bag import (
     METADATA_FILE,
     YAML_PROBLEMS,
     BagInformation,
+    Batch,
     RawMessage,
     Topic,
     is_evidence,
@@ -47,15 +47,13 @@ RECORD_LIMIT = 128 * 1024 * 1024
 HELD_LIMIT = 512 * 1024 * 1024
 """The most memory of messages that are put in order."""
 
+METADATA_LIMIT = 1024 * 1024
+
 _OVERHEAD_BYTES = 256
 """Memory of a message beside its data."""
 
-_TYPES_LIMIT = 16 * 1024 * 1024
-"""The most bytes of types, channels and records; those of a run have some 50 KiB."""
-
-_TOPIC_LIMIT = 1000
-METADATA_LIMIT = 1024 * 1024
 _NAME_LIMIT = 80
+"""Characters of a stranger's name that are shown."""
 
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 _FOOTER = struct.Struct("<QQI")  # start of the summary, of its offsets, checksum
@@ -63,47 +61,11 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish t
 
 _SECTOR = 512
 
+_ENDS = "; what comes before that is read"
+
 
 class ForeignError(Exception):
     """The file is no recording of ROS 2 messages; says what it is instead."""
-
-
-class _DamageError(Exception):
-    """A part of a file cannot be read; says why."""
-
-
-_BROKEN = (EOFError, LookupError, OverflowError, ValueError, McapError, struct.error)
-"""What mcap raises over a record of a stranger's file."""
-
-
-@dataclass(frozen=True, slots=True)
-class ChunkEnd:
-    """The place where a chunk ends; the order of reading goes by chunks."""
-
-
-@dataclass(frozen=True, slots=True)
-class Damage:
-    """A part of a file that cannot be read.
-
-    Attributes:
-        words: where it is, and what is wrong.
-        tail_bytes: of the file from there on, where nothing more can be read; else None.
-        is_foreign: whether it may be whole, but in a way that is not known here.
-    """
-
-    words: str
-    tail_bytes: int | None = None
-    is_foreign: bool = False
-
-    @property
-    def outcome(self) -> str:
-        """The words, and what of the file is read all the same."""
-        if self.tail_bytes is None:
-            return f"{self.words}; it is left out"
-        return f"{self.words}; what comes before that is read"
-
-
-BagItem: TypeAlias = Topic | RawMessage | Metadata | ChunkEnd | Damage
 
 
 class Bag:
@@ -150,17 +112,14 @@ class Bag:
             except (ForeignError, OSError) as error:
                 if not self._outlines:
                     raise
-                self._note_problem(path, f"{error}; what comes before that is read")
+                self._note_problem(path, f"{error}{_ENDS}")
                 return
             self._outlines[path] = outline
             self.records |= outline.records
-            for topic in outline.topics.values():
-                self._topics.setdefault(topic.name, topic)
+            self._topics = outline.topics | self._topics
             lost = outline.records.get(RECOVERY_RECORD, {}).get("problem")
-            if lost is not None:
-                self._note_problem(path, lost)
-            if outline.damages:
-                self._note_problem(path, outline.damages[0].outcome)
+            for problem in (lost, *outline.problems):
+                self._note_problem(path, problem)
 
     @property
     def complete(self) -> bool:
@@ -177,35 +136,26 @@ class Bag:
         messages come as they are stored; else all are sorted by log time, in memory. Damaged
         chunks are left out. `problem` tells them, and a torn end.
         """
-        paths = sorted(
-            self._outlines, key=lambda path: min(self._outlines[path].chunk_starts, default=0)
-        )
-        starts = [start for path in paths for start in self._outlines[path].chunk_starts]
-        items = self._all_items(paths)
-        if starts == sorted(starts):
-            for item in items:
-                if isinstance(item, RawMessage):
-                    yield item
+        paths = sorted(self._outlines, key=lambda path: self._outlines[path].start_ns or 0)
+        outlines = [self._outlines[path] for path in paths]
+        if _is_in_order(outlines):
+            for part in self._all_parts(paths):
+                yield from part.messages
             return
 
         held: list[RawMessage] = []
         size = 0
         outline = Outline()  # of what can be read: a damaged chunk is of no order
-        for item in items:
-            outline.add(item)
-            if isinstance(item, RawMessage):
-                held.append(item)
-                size += len(item.data) + _OVERHEAD_BYTES
+        for part in self._all_parts(paths):
+            outline.add(part)
+            held += part.messages
+            size += sum(len(message.data) + _OVERHEAD_BYTES for message in part.messages)
             if size > HELD_LIMIT:
                 self._note_problem(self.path, "it is too large to be put in the order of its times")
                 break
-        if outline.chunk_starts != sorted(outline.chunk_starts):
+        if not _is_in_order([outline]):
             held.sort(key=lambda message: message.receive_ns)
         yield from held
-
-    def _all_items(self, paths: Iterable[Path]) -> Iterator[BagItem]:
-        for path in paths:
-            yield from self._items(path)
 
     def nearest(self, topic: str, at_ns: int, within_ns: int) -> RawMessage | None:
         """Return the message of a topic that was received nearest to an instant.
@@ -221,27 +171,45 @@ class Bag:
 
     def _in_window(self, topic: str, window: range) -> Iterator[RawMessage]:
         for path, outline in self._outlines.items():
-            for item in self._items(path, outline.overlapping(topic, window)):
-                if not isinstance(item, RawMessage) or item.topic != topic:
-                    continue
-                if item.receive_ns in window:
-                    yield item
+            for part in self._parts(path, outline.chunks_within(window)):
+                for message in part.messages:
+                    if message.topic == topic and message.receive_ns in window:
+                        yield message
 
-    def _items(self, path: Path, only: Iterable[ChunkIndex] | None = None) -> Iterator[BagItem]:
-        """Yield what is in a file, or in some of its chunks, and note what is damaged."""
+    def _all_parts(self, paths: Iterable[Path]) -> Iterator[Part]:
+        for path in paths:
+            yield from self._parts(path, None)
+
+    def _parts(self, path: Path, places: Iterable[int] | None) -> Iterator[Part]:
+        """Yield the parts of a file, or those at some places of it, and note what is damaged."""
         try:
             with open_recording(path) as file:
-                reading = FileReading(file, self._outlines[path].channels)
-                items = reading.items() if only is None else reading.items_of(only)
-                for item in items:
-                    if isinstance(item, Damage):
-                        self._note_problem(path, item.outcome)
-                    yield item
+                reader = FileReader(file, self._outlines[path].channels)
+                parts = reader.parts() if places is None else map(reader.part_at, places)
+                for part in parts:
+                    self._note_problem(path, part.problem)
+                    yield part
         except (ForeignError, OSError) as error:
-            self._note_problem(path, f"{error}; what comes before that is read")
+            self._note_problem(path, f"{error}{_ENDS}")
 
-    def _note_problem(self, file: Path, problem: str) -> None:
-        self.problem = self.problem or f"{file}: {problem}"
+    def _note_problem(self, file: Path, problem: str | None) -> None:
+        if problem is not None and self.problem is None:
+            self.problem = f"{file}: {problem}"
+
+
+@dataclass(slots=True)
+class Part(Batch):
+    """What a chunk holds, or a record outside of the chunks.
+
+    Attributes:
+        problem: what of it cannot be read, and what became of the rest; None = all was read.
+        is_end: nothing behind it can be read.
+        size: in the file, bytes.
+    """
+
+    problem: str | None = None
+    is_end: bool = False
+    size: int = 0
 
 
 @dataclass(slots=True)
@@ -250,67 +218,55 @@ class Outline:
 
     Attributes:
         topics: by name.
-        channels: topics by the number of their channel.
+        channels: topics by the number of their channel, of the summary.
         counts: messages by topic.
-        start_ns, end_ns: first and last log time; None without messages.
-        damages: what cannot be read.
-        chunk_starts: first log time of each chunk that has messages, as they are stored.
-        chunks: the index; empty where there is none that can be trusted.
+        problems: what cannot be read.
+        starts, ends: first and last log times of the chunks that have messages, as they are stored.
+        places: of these chunks in the file; empty where no summary tells.
     """
 
     topics: dict[str, Topic] = field(default_factory=dict)
     channels: dict[int, Topic] = field(default_factory=dict)
     records: dict[str, dict[str, str]] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
-    start_ns: int | None = None
-    end_ns: int | None = None
-    damages: list[Damage] = field(default_factory=list)
-    chunk_starts: list[int] = field(default_factory=list)
-    chunks: list[ChunkIndex] = field(default_factory=list)
-    _chunk_start: int | None = None
+    problems: list[str] = field(default_factory=list)
+    starts: list[int] = field(default_factory=list)
+    ends: list[int] = field(default_factory=list)
+    places: list[int] = field(default_factory=list)
 
     @property
-    def tail_bytes(self) -> int:
-        """Bytes of the unreadable end."""
-        return sum(damage.tail_bytes or 0 for damage in self.damages)
+    def start_ns(self) -> int | None:
+        return min(self.starts, default=None)
 
     def information(self, name: str) -> BagInformation:
-        topics = list(self.topics.values())
-        return BagInformation(name, topics, self.counts, self.start_ns, self.end_ns)
+        end_ns = max(self.ends, default=None)
+        return BagInformation(name, list(self.topics.values()), self.counts, self.start_ns, end_ns)
 
-    def overlapping(self, topic: str, window: range) -> list[ChunkIndex] | None:
-        """Return the chunks with messages of a topic in a window; None where no index tells."""
-        if not self.chunks:
+    def chunks_within(self, window: range) -> list[int] | None:
+        """Return the places of the chunks with messages in a window; None where no index tells."""
+        if not self.places:
             return None
-        numbers = {number for number, known in self.channels.items() if known.name == topic}
+        chunks = zip(self.places, self.starts, self.ends, strict=True)
         return [
-            chunk
-            for chunk in self.chunks
-            if chunk.message_start_time < window.stop
-            and chunk.message_end_time >= window.start
-            and not (
-                chunk.message_index_offsets and numbers.isdisjoint(chunk.message_index_offsets)
-            )
+            place for place, start, end in chunks if start < window.stop and end >= window.start
         ]
 
-    def add(self, item: BagItem) -> None:
-        match item:
-            case RawMessage():
-                time = item.receive_ns
-                self.counts[item.topic] += 1
-                self.start_ns = time if self.start_ns is None else min(time, self.start_ns)
-                self.end_ns = time if self.end_ns is None else max(time, self.end_ns)
-                start = self._chunk_start
-                self._chunk_start = time if start is None else min(time, start)
-            case ChunkEnd() if self._chunk_start is not None:
-                self.chunk_starts.append(self._chunk_start)
-                self._chunk_start = None
-            case Topic():
-                self.topics.setdefault(item.name, item)
-            case Metadata():
-                self.records[item.name] = item.metadata
-            case Damage():
-                self.damages.append(item)
+    def add(self, part: Part) -> None:
+        for topic in part.topics:
+            self.topics.setdefault(topic.name, topic)
+        self.records |= part.records
+        if part.problem is not None:
+            self.problems.append(part.problem)
+        if part.messages:
+            times = [message.receive_ns for message in part.messages]
+            self.starts.append(min(times))
+            self.ends.append(max(times))
+            self.counts.update(message.topic for message in part.messages)
+
+
+def _is_in_order(outlines: Iterable[Outline]) -> bool:
+    starts = [start for outline in outlines for start in outline.starts]
+    return starts == sorted(starts)
 
 
 def read_outline(file: BufferedReader) -> Outline:
@@ -323,24 +279,24 @@ def read_outline(file: BufferedReader) -> Outline:
         return outline
     outline = Outline()
     try:
-        for item in FileReading(file).items():
-            outline.add(item)
+        for part in FileReader(file).parts():
+            outline.add(part)
     except OSError as error:
-        outline.add(Damage(f"it cannot be read ({error})", 0))
+        outline.problems.append(f"it cannot be read ({error}){_ENDS}")
     return outline
 
 
-def read_items(file: BufferedReader) -> Iterator[BagItem]:
+def read_parts(file: BufferedReader) -> Iterator[Part]:
     """Yield everything in a recording; the summary tells the channels that damage hides."""
     summary = read_summary(file)
-    yield from FileReading(file, None if summary is None else summary.channels).items()
+    yield from FileReader(file, None if summary is None else summary.channels).parts()
 
 
 def read_summary(file: BufferedReader) -> Outline | None:
     """Return what the summary of a file says; None where it cannot be trusted or is not there."""
     try:
         place = file.seek(-FOOTER_SIZE - len(MCAP0_MAGIC), SEEK_END)
-        if not _has_summary(file, place):
+        if not _is_summary_sound(file, place):
             return None
         return _summary_outline(file)
     except ForeignError:
@@ -349,82 +305,73 @@ def read_summary(file: BufferedReader) -> Outline | None:
         return None
 
 
-def _has_summary(file: BufferedReader, place: int) -> bool:
-    """Whether a checksum in the footer there says that the summary is what was written.
-
-    Raises _DamageError if it says that it is not.
-    """
+def _is_summary_sound(file: BufferedReader, place: int) -> bool | None:
+    """Return whether the checksum of the footer there is that of the summary; None without one."""
     file.seek(place + _HEAD.size)
     start, _, checksum = _FOOTER.unpack(file.read(_FOOTER.size))
     if not checksum or not start:
+        return None
+    if not 0 < place - start <= RECORD_LIMIT:
         return False
-    if 0 < place - start <= RECORD_LIMIT:
-        file.seek(start)
-        if zlib.crc32(file.read(place + FOOTER_SIZE - 4 - start)) == checksum:
-            return True
-    raise _DamageError("the checksum of its summary is wrong")
+    file.seek(start)
+    return bool(zlib.crc32(file.read(place + FOOTER_SIZE - 4 - start)) == checksum)
 
 
 def _summary_outline(file: BufferedReader) -> Outline | None:
+    """Return what the summary says, unless it leaves something out."""
     file.seek(0)
     summary = SeekingReader(file, record_size_limit=RECORD_LIMIT).get_summary()
-    statistics = None if summary is None else summary.statistics
-    if summary is None or statistics is None:
+    if summary is None or summary.statistics is None:
         return None
     chunks = sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset)
     metadata = summary.metadata_indexes
-    stated = statistics.channel_count, statistics.chunk_count, statistics.metadata_count
-    if stated != (len(summary.channels), len(chunks), len(metadata)):
+    stated = summary.statistics
+    counts = stated.channel_count, stated.chunk_count, stated.metadata_count
+    if counts != (len(summary.channels), len(chunks), len(metadata)):
         return None
-    if statistics.message_count and not chunks:
-        return None
-    if sum(index.length for index in metadata) > _TYPES_LIMIT:
+    if stated.message_count and not chunks:
         return None
 
-    reading = FileReading(file)
-    outline = Outline(channels=reading.topics, chunks=chunks)
+    reader = FileReader(file)
+    outline = Outline(channels=reader.topics)
     for schema in summary.schemas.values():
-        reading.add_schema(schema)
+        reader.add_schema(schema)
     for channel in summary.channels.values():
-        outline.add(reading.add_channel(channel))
+        topic = reader.add_channel(channel)
+        outline.topics.setdefault(topic.name, topic)
+        outline.counts[topic.name] += stated.channel_message_counts.get(channel.id, 0)
     for index in metadata:
-        outline.add(Metadata.read(_stream(reading.record_at(index.offset)[1])))
-    for number, count in statistics.channel_message_counts.items():
-        outline.counts[reading.topics[number].name] += count
-    if statistics.message_count:
-        outline.start_ns = statistics.message_start_time
-        outline.end_ns = statistics.message_end_time
+        outline.records |= reader.part_at(index.offset).records
     for chunk in chunks:
         if chunk.message_end_time:
-            outline.chunk_starts.append(chunk.message_start_time)
+            outline.starts.append(chunk.message_start_time)
+            outline.ends.append(chunk.message_end_time)
+            outline.places.append(chunk.chunk_start_offset)
     return outline
 
 
-class FileReading:
-    """Reads a recording from its beginning to its end, or some of its chunks.
+class FileReader:
+    """Reads a recording from its beginning to its end, or some of its parts.
 
     Args:
-        channels: those that the summary tells: a damaged chunk may have held them.
-
-    Attributes:
-        topics: by the numbers of their channels, within the limits of a bag.
+        topics: by the numbers of their channels, as the summary tells them: a damaged chunk may
+            have held them.
     """
 
-    def __init__(self, file: BufferedReader, channels: dict[int, Topic] | None = None) -> None:
+    def __init__(self, file: BufferedReader, topics: dict[int, Topic] | None = None) -> None:
         self._file = file
         self._size = file.seek(0, SEEK_END)
-        self.topics = dict(channels or {})
+        self.topics = dict(topics or {})
         self._schemas: dict[int, Schema] = {}
-        self._types_size = 0
         self._count = 0
         self._stated: int | None = None
-        self._is_chunked = False
-        self._is_damaged = False
+        self._has_chunks = False
+        self._has_gaps = False
 
-    def items(self) -> Iterator[BagItem]:
+    def parts(self) -> Iterator[Part]:
         """Yield everything in storage order, a topic before its messages, up to where it breaks.
 
-        A damaged chunk is a `Damage`; of the chunk in which the file ends the whole messages are
+        A damaged chunk is left out; of the chunk in which the file ends the whole messages are
         there. Raises ForeignError if it is no recording, OSError if the disk refuses.
         """
         place = len(MCAP0_MAGIC)
@@ -433,145 +380,102 @@ class FileReading:
             raise ForeignError(
                 "it does not begin like an MCAP file" if self._size else "it is empty"
             )
-        yield from list(self.topics.values())
-        try:
-            opcode = 0
-            while opcode != Opcode.FOOTER:
-                opcode, content, is_cut = self.record_at(place)
-                yield from self._record(opcode, content, place, is_cut=is_cut)
-                place += _HEAD.size + len(content)
-        except _DamageError as error:
-            yield Damage(str(error), self._size - place)
-        except _BROKEN:
-            yield Damage(f"the record at byte {place} is damaged", self._size - place)
-        else:
-            if self._stated not in (None, self._count) and not self._is_damaged:
-                yield Damage(f"{self._count} of {self._stated} messages are left", 0)
+        part = Part(list(self.topics.values()))
+        while not part.is_end:
+            yield part
+            part = self.part_at(place)
+            place += part.size
+        yield part
 
-    def items_of(self, chunks: Iterable[ChunkIndex]) -> Iterator[BagItem]:
-        """Yield what is in some chunks, each where the index says."""
-        for index in chunks:
-            place = index.chunk_start_offset
-            try:
-                yield from self._chunk(self.record_at(place)[1], place)
-            except (_DamageError, *_BROKEN):
-                yield Damage(f"a chunk is not where it should be (byte {place})")
-
-    def record_at(self, place: int) -> tuple[int, bytes, bool]:
-        """Return opcode and content of a record, and whether it is the chunk the file ends in."""
+    def part_at(self, place: int) -> Part:
+        """Return what the record at a place of the file holds; OSError if the disk refuses."""
+        torn = f"it is torn at byte {place} of {self._size}{_ENDS}"
         self._file.seek(place)
         head = self._file.read(_HEAD.size)
-        if not head:
-            raise _DamageError(f"it ends at byte {place} without a footer")
-        if not any(head):  # left by a power cut
-            raise _DamageError(f"there are only zeros from byte {place} on")
-        if len(head) < _HEAD.size:
-            raise _DamageError(f"it is torn at byte {place}")
+        if len(head) < _HEAD.size or not head[0]:  # a power cut leaves zeros
+            return Part(problem=torn, is_end=True)
         opcode, length = _HEAD.unpack(head)
-        is_cut = place + _HEAD.size + length > self._size
+        if length > RECORD_LIMIT:
+            problem = f"the record at byte {place} has more than {RECORD_LIMIT} bytes{_ENDS}"
+            return Part(problem=problem, is_end=True)
+        content = self._file.read(min(length, self._size))
+        is_cut = len(content) < length
         if is_cut and opcode != Opcode.CHUNK:
-            raise _DamageError(f"it is torn at byte {place}")
-        if length > RECORD_LIMIT and not is_cut:
-            raise _DamageError(f"the record at byte {place} has more than {RECORD_LIMIT} bytes")
-        return opcode, self._file.read(min(length, RECORD_LIMIT, self._size)), is_cut
+            return Part(problem=torn, is_end=True)
 
-    def _record(
-        self, opcode: int, content: bytes, place: int, *, is_cut: bool
-    ) -> Iterator[BagItem]:
-        match opcode:
-            case Opcode.CHUNK:
-                self._is_chunked = True
-                yield from self._chunk(content, place, is_cut=is_cut)
-            case Opcode.MESSAGE if self._is_chunked:  # one flipped bit makes one of an index
-                yield Damage(f"there is a message outside of the chunks (byte {place})")
-            case Opcode.METADATA:
-                record = Metadata.read(_stream(content))
-                self._grow(len(record.name) + _text_size(record.metadata))
-                yield record
-            case Opcode.STATISTICS:
-                self._stated = Statistics.read(_stream(content)).message_count
-            case Opcode.FOOTER:
-                if self._file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                    raise _DamageError(f"there is no end mark behind the footer at byte {place}")
-                try:
-                    _has_summary(self._file, place)
-                except _DamageError as error:
-                    yield Damage(str(error), 0)
-            case _:
-                item = self._item(opcode, content)
-                if item is not None:
-                    yield item
-                yield ChunkEnd()
-
-    def _chunk(self, content: bytes, place: int, *, is_cut: bool = False) -> Iterator[BagItem]:
-        problem = None
-        is_foreign = False
+        part = Part(size=_HEAD.size + length, is_end=is_cut or opcode == Opcode.FOOTER)
         try:
-            chunk = Chunk.read(ReadDataStream(BytesIO(content)) if is_cut else _stream(content))
-            is_foreign = chunk.compression not in _COMPRESSIONS
-            records, problem = unpack(chunk, is_cut=is_cut)
-            yield from self._items_in(records)
-        except _DamageError as error:
-            problem = problem or f"is of no use: {error}"
-        except _BROKEN:
-            problem = problem or "has a damaged record"
-        yield ChunkEnd()
+            damage = self._add_record(part, opcode, content, is_cut=is_cut)
+        except ForeignError:
+            raise
+        except Exception:  # noqa: BLE001 - whatever a stranger's bytes do, they are damaged
+            damage = "a chunk is damaged" if opcode == Opcode.CHUNK else "a record is damaged"
         if is_cut:
-            raise _DamageError(f"it is torn at byte {place}")
-        if problem is not None:
-            self._is_damaged = True
-            yield Damage(f"a chunk {problem} (byte {place})", is_foreign=is_foreign)
+            part.problem = torn
+        elif damage is not None:
+            self._has_gaps = True
+            part.problem = f"{damage} (byte {place}); it is left out"
+        elif opcode == Opcode.FOOTER:
+            part.problem = self._end_problem(place)
+        return part
 
-    def _items_in(self, records: bytes) -> Iterator[BagItem]:
-        """Yield what is in an unpacked chunk."""
+    def _add_record(
+        self, part: Part, opcode: int, content: bytes, *, is_cut: bool = False
+    ) -> str | None:
+        """Add what is in a record of the file, and return what is wrong with it, or raise."""
+        if opcode == Opcode.CHUNK:
+            self._has_chunks = True
+            chunk = Chunk.read(ReadDataStream(BytesIO(content)) if is_cut else _stream(content))
+            records, problem = unpack(chunk, is_cut=is_cut)
+            self._add_items(part, records)
+            return problem
+        if opcode == Opcode.MESSAGE and self._has_chunks:  # one flipped bit makes one of an index
+            return "a message stands outside of the chunks"
+        if opcode == Opcode.METADATA:
+            record = Metadata.read(_stream(content))
+            part.records[record.name] = record.metadata
+        elif opcode == Opcode.STATISTICS:
+            self._stated = Statistics.read(_stream(content)).message_count
+        else:
+            self._add_items(part, _HEAD.pack(opcode, len(content)) + content)
+        return None
+
+    def _add_items(self, part: Part, records: bytes) -> None:
+        """Add schemas, channels and messages; raises where a record breaks."""
         end = 0
         while end < len(records):
             opcode, length = _HEAD.unpack_from(records, end)
             start = end + _HEAD.size
             end = start + length
-            if end > len(records) or opcode == 0:
+            if end > len(records) or not opcode:
                 raise ValueError
-            item = self._item(opcode, records[start:end])
-            if item is not None:
-                yield item
-
-    def _item(self, opcode: int, content: bytes) -> Topic | RawMessage | None:
-        """Return the item that a record is, if it is one, and note a schema."""
-        if opcode == Opcode.SCHEMA:
-            self.add_schema(Schema.read(_stream(content)))
-        if opcode == Opcode.CHANNEL:
-            return self.add_channel(Channel.read(_stream(content)))
-        if opcode != Opcode.MESSAGE:
-            return None
-        channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content)
-        topic = self.topics.get(channel)
-        if topic is None:
-            raise _DamageError(f"it has a message of the unknown channel {channel}")
-        self._count += 1
-        data = content[_MESSAGE_HEAD.size :]
-        return RawMessage(topic.name, topic.type, data, publish_ns, log_ns, sequence)
+            if opcode == Opcode.MESSAGE:
+                channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(records, start)
+                if length < _MESSAGE_HEAD.size:
+                    raise ValueError
+                topic = self.topics[channel]
+                data = records[start + _MESSAGE_HEAD.size : end]
+                part.messages.append(
+                    RawMessage(topic.name, topic.type, data, publish_ns, log_ns, sequence)
+                )
+                self._count += 1
+            elif opcode == Opcode.SCHEMA:
+                self.add_schema(Schema.read(_stream(records[start:end])))
+            elif opcode == Opcode.CHANNEL:
+                part.topics.append(self.add_channel(Channel.read(_stream(records[start:end]))))
 
     def add_schema(self, schema: Schema) -> None:
-        if schema.id not in self._schemas:
-            self._grow(len(schema.data) + len(schema.name))
-            self._schemas[schema.id] = schema
+        self._schemas.setdefault(schema.id, schema)
 
     def add_channel(self, channel: Channel) -> Topic:
-        """Return the channel's topic; raises ForeignError if it is not of ROS 2."""
+        """Return the channel's topic; ForeignError if it is not of ROS 2, KeyError without type."""
         if channel.id in self.topics:
             return self.topics[channel.id]
-        self._grow(len(channel.topic) + _text_size(channel.metadata))
-        if len(self.topics) == _TOPIC_LIMIT:
-            raise _DamageError(f"it has more than {_TOPIC_LIMIT} channels")
-        name = channel.topic
-        if not name.isprintable() or len(name) > _NAME_LIMIT:
-            name = repr(name[:_NAME_LIMIT])
         if channel.message_encoding != MessageEncoding.CDR:
-            encoding = channel.message_encoding[:_NAME_LIMIT]
-            raise ForeignError(f"{name} holds {encoding!r}, not CDR")
-        schema = self._schemas.get(channel.schema_id)
-        if schema is None:
-            raise _DamageError(f"the type of {name} is missing")
+            name = repr(channel.topic[:_NAME_LIMIT])
+            encoding = repr(channel.message_encoding[:_NAME_LIMIT])
+            raise ForeignError(f"{name} holds {encoding}, not CDR")
+        schema = self._schemas[channel.schema_id]
         is_text = schema.encoding == SchemaEncoding.ROS2
         topic = Topic(
             channel.topic,
@@ -583,17 +487,18 @@ class FileReading:
         self.topics[channel.id] = topic
         return topic
 
-    def _grow(self, size: int) -> None:
-        self._types_size += size
-        if self._types_size > _TYPES_LIMIT:
-            raise _DamageError(f"its types and records have more than {_TYPES_LIMIT} bytes")
+    def _end_problem(self, place: int) -> str | None:
+        """Return what the footer, the end mark or the statistics find missing."""
+        if self._file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            return f"there is no end mark behind the footer{_ENDS}"
+        if _is_summary_sound(self._file, place) is False:
+            return f"the checksum of its summary is wrong{_ENDS}"
+        if self._stated not in (None, self._count) and not self._has_gaps:
+            return f"{self._count} of {self._stated} messages are left{_ENDS}"
+        return None
 
 
 _parse_qos = lru_cache(maxsize=100)(parse_qos)
-
-
-def _text_size(metadata: dict[str, str]) -> int:
-    return sum(len(key) + len(value) for key, value in metadata.items())
 
 
 class _Content(BytesIO):
@@ -612,30 +517,24 @@ def _stream(content: bytes) -> ReadDataStream:
 
 # The content of a chunk.
 
-_COMPRESSIONS = ("", "zstd", "lz4")
-
 
 def unpack(chunk: Chunk, *, is_cut: bool = False) -> tuple[bytes, str | None]:
-    """Return the records of a chunk, and what is wrong with it, as the end of a sentence.
+    """Return the records of a chunk, and what is wrong with it.
 
     A chunk is believed if its size and its checksum are right. Of one that `is_cut`, or ends in
     sectors that a power cut left empty, what comes before that is there.
     """
     size = chunk.uncompressed_size
     if size > RECORD_LIMIT:
-        return b"", f"claims {size} bytes"
-    if chunk.compression not in _COMPRESSIONS:
-        return b"", f"has the unknown compression {chunk.compression[:_NAME_LIMIT]!r}"
+        return b"", f"a chunk claims {size} bytes"
+    if chunk.compression not in ("", "zstd", "lz4"):
+        return b"", f"a chunk has the unknown compression {chunk.compression[:_NAME_LIMIT]!r}"
     content = _decompress(chunk.compression, chunk.data, size)
-    if is_cut:
-        problem = "is cut off"
-    elif len(content) != size:
-        problem = "cannot be decompressed to the size that it claims"
-    elif chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
-        problem = "has a wrong checksum"
-    else:
+    is_sound = not chunk.uncompressed_crc or zlib.crc32(content) == chunk.uncompressed_crc
+    if len(content) == size and is_sound and not is_cut:
         return content, None
 
+    problem = "a chunk has a wrong size or checksum"
     solid = chunk.data.rstrip(b"\0")
     if len(chunk.data) - len(solid) >= _SECTOR:
         return _decompress(chunk.compression, solid, size), problem

@@ -17,21 +17,11 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Metadata
-
 from recorder import RecorderError
-from recorder.bag import (
-    METADATA_FILE,
-    YAML_PROBLEMS,
-    BagInformation,
-    RawMessage,
-    Topic,
-    is_evidence,
-)
-from recorder.evidence import listing, open_folder, put_listing, remove, summarised
+from recorder.bag import METADATA_FILE, YAML_PROBLEMS, BagInformation, Batch, is_evidence
+from recorder.evidence import listing, open_folder, put_listing, summarised
 from recorder.reader import (
     RECOVERY_RECORD,
-    ChunkEnd,
     ForeignError,
     Outline,
     bag_files,
@@ -41,7 +31,7 @@ from recorder.reader import (
     natural_order,
     not_a_bag,
     open_recording,
-    read_items,
+    read_parts,
     refuse_sqlite,
 )
 from recorder.writer import ROSBAG2_RECORD, BagFile
@@ -49,13 +39,10 @@ from recorder.writer import ROSBAG2_RECORD, BagFile
 _PART = ".recovering"
 _TORN = ".torn"
 _TOLD = 3
-"""Damaged chunks that are told one by one."""
+"""Damaged parts that are told one by one."""
 
 _MOST_WAITING = 8_000_000
 """Bytes of the new file that wait in memory."""
-
-_LARGEST_END = 100_000_000
-"""A kill cuts one record, of no more bytes: a longer unreadable end is damage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +50,9 @@ class Recovered:
     """A bag that is whole now.
 
     Attributes:
-        torn: the old file; None if it was whole already, or is evidence that was only cut off.
+        torn: the old file; None if it was whole already.
         metadata: None if it was right, or the file is one of several in its folder.
         cut: what was wrong with the old file, in its order.
-        tail_bytes: of the old file behind its last whole record, a cut chunk included, though
-            its whole messages are kept.
         evidence: the same of each file of evidence that was not whole.
         hopeless: why other evidence stays as it is; it harms nothing.
     """
@@ -77,7 +62,6 @@ class Recovered:
     torn: Path | None
     metadata: Path | None
     cut: tuple[str, ...]
-    tail_bytes: int
     evidence: tuple[Recovered, ...] = ()
     hopeless: tuple[str, ...] = ()
 
@@ -96,7 +80,7 @@ def recover(path: Path) -> Recovered:
     with _refusals(path):
         file, is_alone = _recording_at(path)
         with open_folder(file.parent) as folder_fd:
-            recovered, information = _recover_file(file, folder_fd)
+            recovered, information = _recover_file(file)
             if is_alone and (recovered.cut or not _is_listed(folder_fd, file.parent, information)):
                 put_listing(folder_fd, information)
                 recovered = replace(recovered, metadata=file.parent / METADATA_FILE)
@@ -162,7 +146,7 @@ def _recover_evidence(
             continue
         try:
             with _refusals(folder / name):
-                done.append(_recover_file(folder / name, folder_fd)[0])
+                done.append(_recover_file(folder / name)[0])
         except RecorderError as error:
             hopeless.append(str(error))
     if any(file.cut for file in done):
@@ -170,16 +154,17 @@ def _recover_evidence(
     return tuple(done), tuple(hopeless)
 
 
-def _recover_file(path: Path, folder_fd: int) -> tuple[Recovered, BagInformation]:
-    with open_recording(path.name, folder_fd) as file:
+def _recover_file(path: Path) -> tuple[Recovered, BagInformation]:
+    with open_recording(path) as file:
         _lock(file, path.name)
         outline = _read(file, path)
         torn = None
-        if outline.damages:
-            torn = _replace(file, path, folder_fd, outline)
-    cut = _damage_words(outline)
-    count = outline.counts.total()
-    recovered = Recovered(path, count, torn, None, cut, outline.tail_bytes)
+        if outline.problems:
+            torn = _replace(file, path, outline)
+    cut = outline.problems
+    if len(cut) > _TOLD:
+        cut = [*cut[:_TOLD], f"{len(cut) - _TOLD} more parts"]
+    recovered = Recovered(path, outline.counts.total(), torn, None, tuple(cut))
     return recovered, outline.information(path.name)
 
 
@@ -195,91 +180,64 @@ def _lock(file: BufferedReader, name: str) -> None:
 
 
 def _read(file: BufferedReader, path: Path) -> Outline:
-    """Read a file to its end, whole or torn; RecorderError if no bag can hold its topics."""
+    """Read a file to its end, whole or torn; RecorderError if no bag can hold what is in it."""
     outline = Outline()
-    for item in read_items(file):
-        if isinstance(item, Topic) and outline.topics.get(item.name, item).type != item.type:
-            raise RecorderError(
-                f"{path}: {item.name[:80]!r} has two types, which no bag can hold; "
-                "convert it by the tool that wrote it"
-            )
-        outline.add(item)
-    foreign = [damage for damage in outline.damages if damage.is_foreign]
-    if foreign:
-        raise RecorderError(f"{path}: {foreign[0].words}; it is left as it is")
+    has_gaps = False
+    for part in read_parts(file):
+        for topic in part.topics:
+            if outline.topics.get(topic.name, topic).type != topic.type:
+                raise RecorderError(
+                    f"{path}: {topic.name[:80]!r} has two types, which no bag can hold; "
+                    "convert it by the tool that wrote it"
+                )
+        outline.add(part)
+        has_gaps = has_gaps or (part.problem is not None and not part.is_end)
+    if has_gaps and not outline.counts:
+        raise RecorderError(
+            f"{path}: {outline.problems[0]}, and nothing is left; it stays as it is"
+        )
     return outline
 
 
-def _damage_words(outline: Outline) -> tuple[str, ...]:
-    gaps = [damage.outcome for damage in outline.damages if damage.tail_bytes is None]
-    ends = [damage.words for damage in outline.damages if damage.tail_bytes is not None]
-    if len(gaps) > _TOLD:
-        ends.append(f"{len(gaps) - _TOLD} more chunks are left out")
-    return (*gaps[:_TOLD], *ends)
-
-
-def _replace(file: BufferedReader, path: Path, folder_fd: int, outline: Outline) -> Path | None:
+def _replace(file: BufferedReader, path: Path, outline: Outline) -> Path:
     """Put what can be read in the place of a file; returns where that is kept."""
-    part = path.name + _PART
-    is_cut_off = all(damage.tail_bytes is not None for damage in outline.damages)
-    remove(folder_fd, part)
-    new = BagFile(folder_fd, part, listed_as=path.name)  # it is locked up to the end
+    part = path.with_name(path.name + _PART)
+    part.unlink(missing_ok=True)
+    new = BagFile(part, Batch(), listed_as=path.name)  # it is locked up to the end
     try:
-        before = os.fstat(file.fileno())
-        _copy(file, new, outline)
-        after = os.fstat(file.fileno())
-        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
-            raise RecorderError(f"{path} is being written; end its recording, then try again")
-        torn = None
-        if not (is_evidence(path.name) and is_cut_off and outline.tail_bytes <= _LARGEST_END):
-            torn = path.with_name(_keep(folder_fd, path.name))
-        os.rename(part, path.name, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-        os.fsync(folder_fd)
+        for batch in read_parts(file):
+            batch.records.pop(ROSBAG2_RECORD, None)  # it is made anew
+            new.add(batch)
+            new.end_chunk()
+            if len(new.disk.waiting) > _MOST_WAITING:
+                new.sync()
+        new.add(Batch(records={RECOVERY_RECORD: {"problem": outline.problems[0]}}))
+        new.finish()
+        torn = _keep(path)
+        part.rename(path)
+        with open_folder(path.parent) as folder_fd:
+            os.fsync(folder_fd)
         return torn
     finally:
         new.close()
-        remove(folder_fd, part)
+        part.unlink(missing_ok=True)
 
 
-def _copy(file: BufferedReader, new: BagFile, outline: Outline) -> None:
-    new.start((), {})
-    for item in read_items(file):
-        match item:
-            case RawMessage():
-                new.add_message(item)
-            case ChunkEnd():
-                new.end_chunk()
-                if len(new.disk.waiting) > _MOST_WAITING:
-                    new.sync()
-            case Topic():
-                new.register(item)
-            case Metadata() if item.name != ROSBAG2_RECORD:  # it is made anew
-                new.add_record(item.name, item.metadata)
-    record = {"problem": outline.damages[0].outcome, "tail_bytes": str(outline.tail_bytes)}
-    new.add_record(RECOVERY_RECORD, record)
-    new.finish()
-
-
-def _keep(folder_fd: int, name: str) -> str:
+def _keep(path: Path) -> Path:
     """Give a file a second name, `NAME.torn`, and return it."""
     for number in count(1):
-        torn = name + _TORN + (f".{number}" if number > 1 else "")
+        torn = path.with_name(path.name + _TORN + (f".{number}" if number > 1 else ""))
         try:
-            os.link(name, torn, src_dir_fd=folder_fd, dst_dir_fd=folder_fd, follow_symlinks=False)
+            os.link(path, torn)
         except FileExistsError:
-            if not _is_same(folder_fd, name, torn):  # else a repair was ended here
+            if not torn.samefile(path):  # else a repair was ended here
                 continue
         return torn
     raise AssertionError
 
 
-def _is_same(folder_fd: int, *names: str) -> bool:
-    first, second = (os.stat(name, dir_fd=folder_fd, follow_symlinks=False) for name in names)
-    return os.path.samestat(first, second)
-
-
 def _is_listed(folder_fd: int, folder: Path, information: BagInformation) -> bool:
-    """Whether `metadata.yaml` tells what is there; a damaged one is kept under a second name."""
+    """Whether `metadata.yaml` tells what is there."""
     listed = listing(folder_fd, information) or information
     expected = information_in(listed.metadata_yaml().encode())
     try:
@@ -289,10 +247,7 @@ def _is_listed(folder_fd: int, folder: Path, information: BagInformation) -> boo
             and document["message_count"] == expected["message_count"]
             and _counts(document) == _counts(expected)
         )
-    except FileNotFoundError:
-        return False
-    except YAML_PROBLEMS:
-        _keep(folder_fd, METADATA_FILE)
+    except (FileNotFoundError, *YAML_PROBLEMS):
         return False
 
 

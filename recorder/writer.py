@@ -10,14 +10,14 @@ import fcntl
 import os
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeAlias
+from typing import Any, Self
 
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
@@ -27,6 +27,7 @@ from recorder.bag import (
     MAX_NS,
     METADATA_FILE,
     BagInformation,
+    Batch,
     RawMessage,
     Topic,
     bag_file_name,
@@ -34,8 +35,7 @@ from recorder.bag import (
     qos_text,
     topic_problem,
 )
-from recorder.evidence import FurtherFile, open_folder, put_listing, remove
-from recorder.reader import Outline
+from recorder.evidence import FurtherFile, open_folder, put_listing
 
 ROSBAG2_RECORD = "rosbag2"
 """The metadata record in which rosbag2 repeats `metadata.yaml`."""
@@ -83,10 +83,6 @@ class RecorderStats:
     error: str | None = None
 
 
-_Item: TypeAlias = RawMessage | Topic | tuple[str, dict[str, str]]
-"""What waits for the writer's thread; the last one is a metadata record."""
-
-
 class BagWriter:
     """Records one bag; every method may be called from any thread.
 
@@ -112,27 +108,23 @@ class BagWriter:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.folder = place.folder if isinstance(place, FurtherFile) else place
-        self._place = place
-        self._folder_fd = -1
-        self._first_topics = tuple(topics)
-        self._records = records
+        self._further = place if isinstance(place, FurtherFile) else None
+        self._first = Batch(list(topics), records={n: dict(r) for n, r in records.items()})
         self._flush_period = flush_period
         self._memory_bytes = memory_bytes
         self._block = block_when_full
         self._clock = clock
+        self._folder_fd = -1
         self._thread: threading.Thread | None = None
-        self._next_sync = 0.0
         self._changed = threading.Condition()  # guards everything below
-        self._topics: dict[str, Topic] = {}
-        for topic in topics:
-            self._topics.setdefault(topic.name, topic)
+        self._types: dict[str, str] = {}
         self._stats = RecorderStats(self.folder)
-        self._closing = False
+        self._waiting = Batch()
+        self._queued_bytes = 0
+        self._unsaved_bytes = 0
         self._blocked = 0
-        self._queue: deque[tuple[int, _Item]] = deque()
-        self._queued = 0
-        self._unsaved = 0
         self._synced: float | None = None
+        self._closing = False
 
     def open(self) -> None:
         """Make the bag, its header, records and `metadata.yaml` on disk, and record.
@@ -149,6 +141,7 @@ class BagWriter:
         Messages wait in memory until the file is there. If it cannot be made, they are lost and
         `stats` has the error.
         """
+        self._types = {topic.name: topic.type for topic in self._first.topics}
         self._start(self._create_and_run, niceness)
 
     def _start(self, target: Callable[..., None], argument: object) -> None:
@@ -190,20 +183,11 @@ class BagWriter:
             for message in messages:
                 cost = len(message.data) + _OVERHEAD_BYTES
                 self._stats.received[message.topic] += 1
-                while self._block and not self._has_room(cost) and self._is_emptying():
-                    self._blocked += 1
-                    self._changed.notify_all()
-                    self._changed.wait()
-                    self._blocked -= 1
-                topic = self._topics.get(message.topic)
-                is_fitting = (
-                    topic is not None
-                    and topic.type == message.type
-                    and 0 <= message.receive_ns < MAX_NS
-                    and 0 <= message.publish_ns < MAX_NS
-                )
-                if is_fitting and self._is_accepting and self._has_room(cost):
-                    self._enqueue(message, cost)
+                if self._block:
+                    self._wait_for_room(cost)
+                if self._can_take(message) and self._has_room(cost):
+                    self._waiting.messages.append(message)
+                    self._add_cost(cost)
                     accepted += 1
                 else:
                     self._stats.lost[message.topic] += 1
@@ -215,20 +199,23 @@ class BagWriter:
         It is not while not recording, if a bag cannot hold it, or if its name has another type.
         """
         with self._changed:
-            if topic.name in self._topics:
-                return self._topics[topic.name].type == topic.type
+            if topic.name in self._types:
+                return self._types[topic.name] == topic.type
             if not self._is_accepting or topic_problem(topic) is not None:
                 return False
-            self._topics[topic.name] = topic
-            self._enqueue(topic, len(topic.definition) + _OVERHEAD_BYTES)
+            self._types[topic.name] = topic.type
+            self._waiting.topics.append(topic)
+            self._add_cost(len(topic.definition) + _OVERHEAD_BYTES)
             return True
 
     def add_record(self, name: str, record: Mapping[str, str]) -> bool:
         """Add a metadata record; False when not recording."""
         with self._changed:
-            if self._is_accepting:
-                self._enqueue((name, dict(record)), _OVERHEAD_BYTES)
-            return self._is_accepting
+            if not self._is_accepting:
+                return False
+            self._waiting.records[name] = dict(record)
+            self._add_cost(_OVERHEAD_BYTES)
+            return True
 
     def stats(self) -> RecorderStats:
         now = self._clock()
@@ -238,7 +225,7 @@ class BagWriter:
                 received=self._stats.received.copy(),
                 recorded=self._stats.recorded.copy(),
                 lost=self._stats.lost.copy(),
-                memory_bytes=self._queued + self._unsaved,
+                memory_bytes=self._queued_bytes + self._unsaved_bytes,
                 seconds_since_sync=None if self._synced is None else now - self._synced,
             )
 
@@ -266,67 +253,85 @@ class BagWriter:
     def _is_accepting(self) -> bool:
         return self._stats.state is RecorderState.RECORDING and not self._closing
 
+    def _can_take(self, message: RawMessage) -> bool:
+        return (
+            self._is_accepting
+            and self._types.get(message.topic) == message.type
+            and 0 <= message.receive_ns < MAX_NS
+            and 0 <= message.publish_ns < MAX_NS
+        )
+
     def _has_room(self, cost: int) -> bool:
-        return self._queued + self._unsaved + cost <= self._memory_bytes
+        return self._queued_bytes + self._unsaved_bytes + cost <= self._memory_bytes
 
-    def _is_emptying(self) -> bool:
-        """Whether the disk takes what waits, so that there will be room."""
-        return self._is_accepting and self._stats.error is None and self._queued + self._unsaved > 0
+    def _wait_for_room(self, cost: int) -> None:
+        """Wait while the disk takes what is in the way."""
+        self._blocked += 1
+        while self._is_accepting and self._stats.error is None and not self._has_room(cost):
+            if self._queued_bytes + self._unsaved_bytes == 0:
+                break  # it is larger than all the room
+            self._changed.notify_all()
+            self._changed.wait()
+        self._blocked -= 1
 
-    def _enqueue(self, item: _Item, cost: int) -> None:
-        self._queue.append((cost, item))
-        self._queued += cost
-        if self._queued >= CHUNK_BYTES:
+    def _add_cost(self, cost: int) -> None:
+        self._queued_bytes += cost
+        if self._queued_bytes >= CHUNK_BYTES:
             self._changed.notify_all()
 
     def _is_due(self) -> bool:
-        return self._closing or self._blocked > 0 or self._queued >= CHUNK_BYTES
+        return self._closing or self._blocked > 0 or self._queued_bytes >= CHUNK_BYTES
 
     # Opening.
 
     def _create(self) -> BagFile:
         """Make the folder and the file, on disk on return."""
-        for topic in self._first_topics:
+        for topic in self._first.topics:
             problem = topic_problem(topic)
-            if self._topics[topic.name].type != topic.type:
-                problem = f"{topic.name} is both {self._topics[topic.name].type} and {topic.type}"
+            if self._types.setdefault(topic.name, topic.type) != topic.type:
+                problem = f"{topic.name} is both {self._types[topic.name]} and {topic.type}"
             if problem:
                 raise RecorderError(f"{problem}; correct the topic's configuration")
-        name = bag_file_name(self.folder.name)
-        if isinstance(self._place, FurtherFile):
-            name = evidence_file_name(self.folder.name, self._place.number)
-        with ExitStack() as undo:
-            try:
-                if isinstance(self._place, Path):
-                    self.folder.mkdir()
-                    undo.callback(self.folder.rmdir)
-                self._folder_fd = os.open(self.folder, os.O_DIRECTORY | os.O_CLOEXEC)
-                undo.callback(os.close, self._folder_fd)
-                file = BagFile(self._folder_fd, name)
-                undo.callback(remove, self._folder_fd, name)
-                undo.callback(file.close)
-                file.start(self._first_topics, self._records)
-                if isinstance(self._place, Path):
-                    undo.callback(remove, self._folder_fd, METADATA_FILE)
-                    put_listing(self._folder_fd, file.information())
-                    with open_folder(self.folder.parent) as parent_fd:
-                        os.fsync(parent_fd)  # its names survive a power cut then
-                os.fsync(self._folder_fd)
-            except FileExistsError as error:
-                raise RecorderError(
-                    f"{self.folder.parent / error.filename} exists already; "
-                    "move it away or record under another name"
-                ) from None
-            except OSError as error:
-                raise RecorderError(
-                    f"cannot record to {self.folder}: {error.strerror or error}; "
-                    "choose a folder that exists and can be written, on a disk with room"
-                ) from None
-            undo.pop_all()
+        try:
+            file = self._file_of_evidence() if self._further else self._file_of_bag()
+        except FileExistsError:
+            raise RecorderError(
+                f"{self.folder} exists already; move it away or record under another name"
+            ) from None
+        except OSError as error:
+            raise RecorderError(
+                f"cannot record to {self.folder}: {error.strerror or error}; "
+                "choose a folder that exists and can be written, on a disk with room"
+            ) from None
         self._stats.file_bytes = file.disk.size
         self._synced = self._clock()
-        self._next_sync = self._synced + self._flush_period
         return file
+
+    def _file_of_bag(self) -> BagFile:
+        path = self.folder / bag_file_name(self.folder.name)
+        self.folder.mkdir()
+        try:
+            file = BagFile(path, self._first)
+            self._folder_fd = os.open(self.folder, os.O_DIRECTORY | os.O_CLOEXEC)
+            self._list(file)
+            with open_folder(self.folder.parent) as parent_fd:
+                os.fsync(parent_fd)  # its names survive a power cut then
+        except OSError:
+            path.unlink(missing_ok=True)
+            (self.folder / METADATA_FILE).unlink(missing_ok=True)
+            self.folder.rmdir()
+            raise
+        return file
+
+    def _file_of_evidence(self) -> BagFile:
+        assert self._further is not None
+        name = evidence_file_name(self.folder.name, self._further.number)
+        self._folder_fd = os.open(self.folder, os.O_DIRECTORY | os.O_CLOEXEC)
+        return BagFile(self.folder / name, self._first)
+
+    def _list(self, file: BagFile) -> None:
+        put_listing(self._folder_fd, None if self._further else file.information())
+        os.fsync(self._folder_fd)
 
     # The writer's thread.
 
@@ -342,33 +347,29 @@ class BagWriter:
 
     def _run(self, file: BagFile) -> None:
         try:
+            next_sync = self._clock() + self._flush_period
             closing = False
             refusal = None
-            while not closing:
-                batch, cost, closing = self._take_batch()
-                if isinstance(self._place, FurtherFile):
-                    refusal = self._place.refusal(file.disk.tell(), cost)
+            while not closing and not refusal:
+                batch, cost, closing = self._take_batch(next_sync - self._clock())
+                if self._further:
+                    refusal = self._further.refusal(file.disk.tell(), cost)
                 if refusal:
-                    file.sync()
-                    self._report(file, cost)
-                    with self._changed:
-                        self._closing = True
-                        self._stats.error = refusal
-                        self._lose_rest()
-                    break
-                for item in batch:
-                    file.add(item)
-                if self._blocked or self._clock() >= self._next_sync:
+                    self._give_up(refusal)
+                else:
+                    file.add(batch)
+                if self._blocked or self._clock() >= next_sync:
+                    next_sync = self._clock() + self._flush_period
                     self._sync(file)
                 self._report(file, cost)
             file.finish()
-            recording = file.information() if isinstance(self._place, Path) else None
-            put_listing(self._folder_fd, recording)
+            self._list(file)
             self._report(file, 0)
             with self._changed:
                 if self._stats.state is RecorderState.RECORDING:
                     self._stats.state = RecorderState.FINISHED
                     self._stats.error = refusal  # what the disk refused before is there now
+                    self._stats.lost = self._stats.received - self._stats.recorded
         except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on
             self._report(file, 0)
             self._fail(error)
@@ -376,28 +377,25 @@ class BagWriter:
             file.close()
             os.close(self._folder_fd)
 
-    def _take_batch(self) -> tuple[list[_Item], int, bool]:
-        """Wait for work, and return about a chunk of it, its cost, and whether it is the last."""
-        timeout = max(0.0, self._next_sync - self._clock())
+    def _take_batch(self, timeout: float) -> tuple[Batch, int, bool]:
+        """Wait for work, and return what waits, its cost, and whether it is the last."""
         with self._changed:
-            self._changed.wait_for(self._is_due, timeout)
-            batch: list[_Item] = []
-            cost = 0
-            while self._queue and cost < CHUNK_BYTES:
-                item_cost, item = self._queue.popleft()
-                batch.append(item)
-                cost += item_cost
-            return batch, cost, self._closing and not self._queue
+            self._changed.wait_for(self._is_due, max(0.0, timeout))
+            batch = self._waiting
+            self._waiting = Batch()
+            return batch, self._queued_bytes, self._closing
+
+    def _give_up(self, refusal: str) -> None:
+        with self._changed:
+            self._closing = True
+            self._stats.error = refusal
 
     def _sync(self, file: BagFile) -> None:
         """Bring all to the disk; what it refuses is tried again at the next sync."""
         now = self._clock()
-        self._next_sync = now + self._flush_period
         problem = None
         try:
             file.sync()
-        except FileNotFoundError:
-            raise
         except OSError as error:
             problem = (
                 f"recording to {self.folder}: {error.strerror or error}; "
@@ -413,10 +411,10 @@ class BagWriter:
             if self._stats.state is RecorderState.FAILED:  # given up on; the account is closed
                 return
             self._stats.recorded = file.recorded
-            self._stats.end_ns = file.outline.end_ns
+            self._stats.end_ns = file.end_ns
             self._stats.file_bytes = file.disk.size
-            self._queued -= done
-            self._unsaved = len(file.disk.waiting)
+            self._queued_bytes -= done
+            self._unsaved_bytes = len(file.disk.waiting)
             self._changed.notify_all()
 
     def _fail(self, error: Exception) -> None:
@@ -427,111 +425,106 @@ class BagWriter:
             if self._stats.state is not RecorderState.RECORDING:
                 return
             self._stats.state = RecorderState.FAILED
-            if isinstance(error, FileNotFoundError):  # the file or its folder was deleted
+            if isinstance(error, _DeletedError):
                 outcome = "what was written is lost, find out what deletes it before the next run"
                 self._stats.recorded = Counter()
-                self._stats.end_ns = None
                 self._stats.file_bytes = 0
             failed = f"recording to {self.folder} failed: {cause}; {outcome}"
-            self._stats.error = str(error) if isinstance(error, RecorderError) else failed
-            self._lose_rest()
+            self._stats.error = cause if isinstance(error, RecorderError) else failed
+            self._stats.lost = self._stats.received - self._stats.recorded
+            self._waiting = Batch()
+            self._queued_bytes = 0
+            self._unsaved_bytes = 0
+            self._changed.notify_all()
 
-    def _lose_rest(self) -> None:
-        self._stats.lost = self._stats.received - self._stats.recorded
-        self._queue.clear()
-        self._queued = self._unsaved = 0
-        self._changed.notify_all()
+
+class _DeletedError(Exception):
+    """The file was deleted while it was recorded."""
 
 
 class BagFile:
-    """The new `.mcap` file of a bag; not thread-safe.
+    """A new `.mcap` file, with its first content on disk; not thread-safe.
 
     Nothing but `sync` and `finish` touches the disk. The file is locked until it is closed, so
     that nobody takes it for one that was cut off. `listed_as` is its name, if it will be renamed.
     Raises OSError where the disk refuses.
 
     Attributes:
-        outline: what was added.
         recorded: messages on the disk, by topic.
+        end_ns: last log time, ns since the epoch; None without messages.
     """
 
-    def __init__(self, folder_fd: int, name: str, listed_as: str | None = None) -> None:
-        self.name = listed_as or name
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-        fd = os.open(name, flags, 0o666, dir_fd=folder_fd)
-        with suppress(OSError):  # not every network disk has locks
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        self.disk = Disk(fd)
-        output: Any = self.disk
-        self._writer = Writer(output, CHUNK_BYTES, CompressionType.ZSTD)
+    def __init__(self, path: Path, first: Batch, listed_as: str | None = None) -> None:
+        self._name = listed_as or path.name
         self._channels: dict[str, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
-        self.outline = Outline()
+        self._topics: dict[str, Topic] = {}
+        self._counts: Counter[str] = Counter()
         self.recorded: Counter[str] = Counter()
+        self._start_ns: int | None = None
+        self.end_ns: int | None = None
+        self.disk = Disk(path)
+        output: Any = self.disk
+        self._writer = Writer(output, CHUNK_BYTES, CompressionType.ZSTD)
+        try:
+            self._writer.start(Profile.ROS2, f"madrob recorder, {LIBRARY_IDENTIFIER}")
+            self.add(first)
+            self.sync()
+        except OSError:
+            self.close()
+            path.unlink()
+            raise
 
-    def start(self, topics: Iterable[Topic], records: Mapping[str, Mapping[str, str]]) -> None:
-        """Write the header and the records, and register the topics; on disk on return."""
-        self._writer.start(Profile.ROS2, f"madrob recorder, {LIBRARY_IDENTIFIER}")
-        for topic in topics:
-            self.register(topic)
-        for name, record in records.items():
-            self.add_record(name, record)
-        self.sync()
+    def add(self, batch: Batch) -> None:
+        """Append topics, messages of these or earlier ones, and records."""
+        for topic in batch.topics:
+            if topic.name not in self._channels:
+                self._register(topic)
+        for message in batch.messages:
+            time_ns = message.receive_ns
+            self._writer.add_message(
+                self._channels[message.topic],
+                time_ns,
+                message.data,
+                message.publish_ns,
+                message.sequence & 0xFFFF_FFFF,
+            )
+            self._counts[message.topic] += 1
+            self._start_ns = time_ns if self._start_ns is None else min(time_ns, self._start_ns)
+            self.end_ns = time_ns if self.end_ns is None else max(time_ns, self.end_ns)
+        for name, record in batch.records.items():
+            self.end_chunk()  # it stands behind what came before it
+            self._writer.add_metadata(_text(name), {_text(k): _text(v) for k, v in record.items()})
 
-    def register(self, topic: Topic) -> None:
-        if topic.name in self._channels:
-            return
+    def _register(self, topic: Topic) -> None:
         key = (topic.type, topic.definition)
         if key not in self._schemas:
             encoding = SchemaEncoding.ROS2 if topic.definition else ""
             definition = topic.definition.encode()
             self._schemas[key] = self._writer.register_schema(topic.type, encoding, definition)
         told = {"offered_qos_profiles": qos_text(topic.qos), "topic_type_hash": topic.type_hash}
-        self.outline.add(topic)
+        self._topics[topic.name] = topic
         self._channels[topic.name] = self._writer.register_channel(
             topic.name, MessageEncoding.CDR, self._schemas[key], told
         )
-
-    def add_message(self, message: RawMessage) -> None:
-        """Append a message of a registered topic."""
-        self._writer.add_message(
-            self._channels[message.topic],
-            message.receive_ns,
-            message.data,
-            message.publish_ns,
-            message.sequence & 0xFFFF_FFFF,
-        )
-        self.outline.add(message)
-
-    def add(self, item: _Item) -> None:
-        match item:
-            case RawMessage():
-                self.add_message(item)
-            case Topic():
-                self.register(item)
-            case (name, record):
-                self.add_record(name, record)
-
-    def add_record(self, name: str, record: Mapping[str, str]) -> None:
-        self.end_chunk()  # it stands behind what came before it
-        self._writer.add_metadata(_text(name), {_text(k): _text(v) for k, v in record.items()})
 
     def end_chunk(self) -> None:
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def sync(self) -> None:
-        """Bring everything to the disk; OSError also if the file was deleted."""
+        """Bring everything to the disk; raises also if the file was deleted."""
         self.end_chunk()
         self.disk.carry()
-        self.recorded = self.outline.counts.copy()
+        self.recorded = self._counts.copy()
 
     def information(self) -> BagInformation:
-        return self.outline.information(self.name)
+        topics = list(self._topics.values())
+        return BagInformation(self._name, topics, self._counts, self._start_ns, self.end_ns)
 
     def finish(self) -> None:
         """Add the record `rosbag2`, the indexes and the summary; on disk on return."""
         record = {"serialized_metadata": self.information().serialized_metadata()}
-        self.add_record(ROSBAG2_RECORD, record)
+        self.add(Batch(records={ROSBAG2_RECORD: record}))
         self._writer.finish()  # type: ignore[no-untyped-call]
         self.sync()
 
@@ -546,15 +539,18 @@ def _text(value: str) -> str:
 
 
 class Disk:
-    """A stream for mcap's writer that never refuses; `carry` takes its bytes to the file.
+    """A new file for mcap's writer that never refuses; `carry` takes its bytes to the disk.
 
     Attributes:
         waiting: bytes that the disk has not taken yet.
         size: bytes on the disk.
     """
 
-    def __init__(self, fd: int) -> None:
-        self._fd = fd
+    def __init__(self, path: Path) -> None:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+        self._fd = os.open(path, flags, 0o666)
+        with suppress(OSError):  # not every network disk has locks
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._written = 0
         self.waiting = bytearray()
         self.size = 0
@@ -580,7 +576,7 @@ class Disk:
             self._written = 0  # nobody knows what of it the disk has: all is written again
             raise
         if os.fstat(self._fd).st_nlink == 0:
-            raise FileNotFoundError("the file was deleted")
+            raise _DeletedError("the file was deleted")
         self.size += self._written
         self._written = 0
         self.waiting.clear()

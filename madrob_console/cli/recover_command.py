@@ -120,7 +120,7 @@ def _old_one(recovered: Recovered) -> str:
 
 
 def _cut(recovered: Recovered) -> str:
-    return f"cut: {', '.join(recovered.cut)} ({recovered.tail_bytes} bytes at the end)"
+    return f"cut: {', '.join(recovered.cut)}"
 
 
 def _scoring(path: Path) -> str:

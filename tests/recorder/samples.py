@@ -26,6 +26,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from recorder.bag import (
+    Batch,
     Durability,
     Qos,
     RawMessage,
@@ -234,15 +235,20 @@ def little_memory(most: int = 10_000_000) -> Iterator[None]:
 
 def add_evidence(folder: Path, messages: Sequence[RawMessage], number: int = 0) -> Path:
     """Put a file of evidence into a bag folder, as the recorder names it; types as ROS has them."""
-    name, types = evidence_file_name(folder.name, number), {m.topic: m.type for m in messages}
-    with opened(folder) as fd:
-        file = BagFile(fd, name)
-        file.start([topic(*named) for named in types.items()], {})
-        for message in messages:
-            file.add_message(message)
-        file.finish()
-        file.close()
-    return folder / name
+    path = folder / evidence_file_name(folder.name, number)
+    types = {m.topic: m.type for m in messages}
+    written(path, [Batch([topic(*named) for named in types.items()], list(messages))])
+    return path
+
+
+def written(path: Path, batches: Sequence[Batch]) -> None:
+    """Write a recording of a chunk a batch, as the recorder does."""
+    file = BagFile(path, Batch())
+    for batch in batches:
+        file.add(batch)
+        file.end_chunk()
+    file.finish()
+    file.close()
 
 
 @contextmanager

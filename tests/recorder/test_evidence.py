@@ -5,24 +5,20 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from collections import Counter
 from collections.abc import Callable
-from io import BufferedReader, FileIO
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from msgspec.structs import replace
 
-from recorder import RecorderError, evidence
+from recorder import evidence
 from recorder.bag import RawMessage, Topic, bag_file_name, evidence_file_name
 from recorder.evidence import FurtherFile, put_listing
-from recorder.reader import Bag, open_recording
+from recorder.reader import Bag
 from recorder.recovery import recover
-from recorder.writer import BagFile, BagWriter, RecorderState
+from recorder.writer import BagWriter, RecorderState
 from tests.recorder.samples import (
     Killed,
     add_evidence,
@@ -35,7 +31,6 @@ from tests.recorder.samples import (
     strings,
     talk,
 )
-from tests.watching import until
 
 SCORED = door_messages(rounds=10)
 CAMERA = [
@@ -87,39 +82,6 @@ def test_evidence_is_read_apart_from_what_is_scored(folder: Path) -> None:
     assert list(Bag(file).messages()) == CAMERA
     (folder / "metadata.yaml").unlink()
     assert list(Bag(folder).messages()) == SCORED
-
-
-@settings(max_examples=25)
-@given(
-    files=st.lists(
-        st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 2**62)), max_size=20), max_size=4
-    )
-)
-def test_whatever_evidence_holds_the_listing_is_what_is_read(
-    files: list[list[tuple[str, int]]], tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = tmp_path_factory.mktemp("bags") / "run"
-    expected = strings(["few topics", "soon parsed"])
-    with BagWriter(folder, [talk()], {}) as writer:
-        writer.put_all(expected)
-    for number, content in enumerate(files):
-        sent = [replace(CAMERA[0], topic=f"/{name}", receive_ns=time) for name, time in content]
-        add_evidence(folder, sent, number)
-        expected += sent
-    list_again(folder)
-    times = [message.receive_ns for message in expected]
-    information = told(folder)
-    listed = {
-        entry["topic_metadata"]["name"]: entry["message_count"]
-        for entry in information["topics_with_message_count"]
-    }
-    assert Counter(listed) == Counter(message.topic for message in expected)
-    assert [information[key] for key in ("message_count", "starting_time", "duration")] == [
-        len(expected),
-        {"nanoseconds_since_epoch": min(times)},
-        {"nanoseconds": max(times) - min(times)},
-    ]
-    assert by_rosbags(folder) == in_order(expected)
 
 
 def garbage(file: Path) -> None:
@@ -202,26 +164,6 @@ def test_a_kill_at_any_step_leaves_a_listing_that_every_reader_takes(tmp_path: P
     assert 3 < steps < 99
 
 
-def test_recover_repairs_evidence_that_was_cut_off_and_lists_it(folder: Path) -> None:
-    whole, *files = (folder / evidence_file_name("run", number) for number in range(3))
-    before = add_evidence(folder, CAMERA, 0).read_bytes()
-    torn(files[0])
-    recovered = recover(folder)
-    assert [(done.file, done.messages) for done in recovered.evidence] == [(files[0], 2)]
-    assert (recovered.torn, recovered.hopeless, recovered.changed) == (None, (), True)
-    assert not list(folder.glob("*.torn*"))  # every whole message of it is in the new one
-    assert whole.read_bytes() == before
-    assert len(told(folder)["relative_file_paths"]) == 3
-    assert by_rosbags(folder) == in_order(SCORED, CAMERA, CAMERA)
-    assert recover(folder).evidence == ()
-    torn(files[1])
-    assert recover(files[1]).changed  # by its own name
-    assert by_rosbags(folder) == in_order(SCORED, CAMERA, CAMERA, CAMERA)
-    files[1].unlink()  # what was removed is listed no longer
-    assert recover(folder).metadata is not None
-    assert by_rosbags(folder) == in_order(SCORED, CAMERA, CAMERA)
-
-
 def test_hopeless_evidence_is_named_and_hinders_nothing(folder: Path) -> None:
     files = [folder / evidence_file_name("run", number) for number in range(1, 5)]
     garbage(files[0])
@@ -236,19 +178,6 @@ def test_hopeless_evidence_is_named_and_hinders_nothing(folder: Path) -> None:
     assert [done.file for done in recovered.evidence] == files[3:]
     assert [file.name in words for file, words in zip(files, recovered.hopeless)] == [True] * 3  # noqa: B905
     assert by_rosbags(folder) == in_order(SCORED, CAMERA)
-
-
-def test_evidence_that_is_still_written_is_not_touched(folder: Path) -> None:
-    with opened(folder) as fd:
-        file = BagFile(fd, evidence_file_name("run", 0))
-        file.start([talk()], {})
-        (words,) = recover(folder).hopeless
-        assert "is being written" in words
-        file.add_message(strings(["late"])[0])
-        file.finish()
-        file.close()
-        put_listing(fd)
-    assert len(by_rosbags(folder)) == len(SCORED) + 1
 
 
 def test_of_evidence_that_is_damaged_before_its_end_the_old_file_is_kept(folder: Path) -> None:
@@ -273,24 +202,6 @@ class BadSector(FileIO):
         return super().readinto(memoryview(buffer)[: 8192 - self.tell()])
 
 
-def test_evidence_that_the_disk_does_not_read_is_not_replaced_by_a_part(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = add_evidence(folder, strings([os.urandom(1_000).hex() for _ in range(2_000)]))
-    os.truncate(file, file.stat().st_size - 20)
-    before = file.read_bytes()
-
-    def opened(path: str, folder_fd: int) -> BufferedReader:
-        if path == file.name:
-            return BufferedReader(BadSector(file))
-        return open_recording(path, folder_fd)
-
-    monkeypatch.setattr("recorder.recovery.open_recording", opened)
-    (words,) = recover(folder).hopeless
-    assert "Input/output error; nothing is lost" in words
-    assert file.read_bytes() == before
-
-
 FRAMES = [
     RawMessage("/camera", "sensor_msgs/msg/Image", os.urandom(500_000), number, number)
     for number in range(1, 21)
@@ -300,35 +211,6 @@ CAMERA_TOPIC = Topic("/camera", "sensor_msgs/msg/Image", "uint8[] data\n")
 
 def recorded(folder: Path, refusal: Callable[[int, int], str | None]) -> BagWriter:
     return BagWriter(FurtherFile(folder, 0, refusal), [CAMERA_TOPIC], {})
-
-
-def test_evidence_without_room_ends_in_a_whole_file_and_is_counted(folder: Path) -> None:
-    def refusal(size: int, coming: int) -> str | None:
-        return "the budget is used up" if size + coming > 4_100_000 else None
-
-    with (  # noqa: PT012  the end of the block raises
-        pytest.raises(RecorderError, match="the budget is used up"),
-        recorded(folder, refusal) as camera,
-    ):
-        camera.put_all(FRAMES)
-        until(lambda: camera.stats().error is not None)
-        assert not camera.put_message(FRAMES[0])
-    stats, bag = camera.close(), Bag(folder, evidence=True)
-    assert stats.file_bytes < 4_100_000
-    kept = list(bag.messages())
-    assert (kept, bag.complete) == (FRAMES[: len(kept)], True)
-    assert (stats.recorded, stats.lost) == ({"/camera": len(kept)}, {"/camera": 21 - len(kept)})
-
-
-def test_evidence_that_cannot_be_recorded_leaves_nothing(folder: Path) -> None:
-    there = folder / evidence_file_name("run", 0)
-    there.write_bytes(b"precious")
-    with pytest.raises(RecorderError, match=r"_evidence_0.mcap exists already; move it away"):
-        recorded(folder, lambda _size, _coming: None).open()
-    with pytest.raises(RecorderError, match="No such file"):
-        recorded(folder.parent / "none", lambda _size, _coming: None).open()
-    assert there.read_bytes() == b"precious"
-    assert len(list(folder.iterdir())) == 3
 
 
 @pytest.mark.parametrize("there", [False, True])

@@ -19,7 +19,6 @@ from mcap.records import (
     Channel,
     Chunk,
     Message,
-    Metadata,
     Schema,
 )
 from mcap.writer import MCAP0_MAGIC, CompressionType
@@ -280,27 +279,7 @@ def test_a_claim_is_no_reason_to_take_memory(tmp_path: Path, content: bytes) -> 
         assert len(list(Bag(folder).messages())) == 1
         recovered = recover(folder)
     assert recovered.messages == 1
-    assert recovered.cut[0].startswith(("a chunk ", "the record at ", "it is torn", "it ends"))
-
-
-@pytest.mark.parametrize(
-    ("record", "words"),
-    [
-        (framed(0x05, b"", 2**31), "has more than 134217728 bytes"),
-        (framed(0x03, b"\x02\x00" + TWO_GB), ""),
-    ],
-)
-def test_no_claim_of_two_gigabytes_is_read_into_memory(
-    tmp_path: Path, record: bytes, words: str
-) -> None:
-    path = tmp_path / "large.mcap"
-    path.write_bytes(MCAP0_MAGIC + GOOD + record)
-    with path.open("r+b") as file:
-        file.truncate(2**31 + 1000)  # takes no room: it is a hole
-    with little_memory():
-        recovered = recover(path)
-    assert recovered.messages == 1
-    assert words in recovered.cut[0]
+    assert recovered.cut[0].startswith(("a chunk ", "a record ", "the record at ", "it is torn"))
 
 
 def test_messages_without_data_take_memory_too(
@@ -315,45 +294,11 @@ def test_messages_without_data_take_memory_too(
     assert "too large to be put in the order of its times" in (bag.problem or "")
 
 
-SCHEMAS = [Schema(number, b"x" * 2**20, "ros2msg", "a/msg/B") for number in range(1, 20)]
-CHANNELS = [Channel(n, f"/talk{n}", "cdr", {}, 1) for n in range(1, 1100)]
-NOTES = [Channel(n, f"/t{n}", "cdr", {"note": "x" * 2**20}, 1) for n in range(17)]
-TOO_MUCH = "its types and records have more than 16777216 bytes"
-
-
-ENTRY = encoded(Metadata("m", {"a": "x" * 2**20}))
-
-
-@pytest.mark.parametrize(
-    ("content", "words", "kept"),
-    [
-        (encoded(*SCHEMAS), TOO_MUCH, 0),
-        (encoded(SCHEMA, *CHANNELS), "it has more than 1000 channels", 0),
-        (ENTRY * 17, TOO_MUCH, 1),
-        (encoded(SCHEMA, *NOTES), TOO_MUCH, 0),
-    ],
-    ids=["schemas", "channels", "metadata", "notes"],
-)
-def test_absurd_counts_end_the_reading_in_words(
-    tmp_path: Path, content: bytes, words: str, kept: int
-) -> None:
-    path = tmp_path / "absurd.mcap"
-    path.write_bytes(MCAP0_MAGIC + content)
-    began, bag = time.process_time(), Bag(path)
-    assert (list(bag.messages()), list(bag.records)) == ([], ["m"] * kept)
-    assert recover(path).cut == (words,)
-    assert time.process_time() - began < LONGEST
-
-
-@pytest.mark.parametrize("channel", [("cdr", {}, 7), ("json", {}, 1)])
-def test_words_from_a_file_cannot_steer_a_terminal(
-    tmp_path: Path, channel: tuple[str, dict[str, str], int]
-) -> None:
+def test_words_from_a_file_cannot_steer_a_terminal(tmp_path: Path) -> None:
     path = tmp_path / "evil.mcap"
-    evil = Channel(1, "/\x1b]0;owned\x07\n" + "x" * 5000, *channel)
+    evil = Channel(1, "/\x1b]0;owned\x07\n" + "x" * 5000, "json", {}, 1)
     path.write_bytes(MCAP0_MAGIC + encoded(SCHEMA, evil, MESSAGE))
-    try:
-        (told,) = recover(path).cut
-    except RecorderError as error:
-        told = str(error)
-    assert ("owned" in told, told.isprintable(), len(told) < 400) == (True, True, True), told
+    with pytest.raises(RecorderError, match="owned") as caught:
+        recover(path)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 400

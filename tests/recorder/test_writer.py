@@ -5,13 +5,12 @@ from __future__ import annotations
 import errno
 import math
 import os
-import re
 import resource
 import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -59,26 +58,6 @@ def stuck() -> Iterator[StuckDisk]:
     disk.answers.set()
 
 
-@pytest.fixture
-def synced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
-    """Names of files and folders, and their sizes when they were last brought to the disk."""
-    synced: dict[str, int] = {}
-
-    def noted(real: Callable[[int], None]) -> Callable[[int], None]:
-        def sync(fd: int) -> None:
-            real(fd)
-            path = Path(f"/proc/self/fd/{fd}").readlink()
-            if path.is_relative_to(tmp_path):  # not those of a thread that another test left
-                name = re.sub(r"\.(\d+\.part|recovering)$", "", path.name)
-                synced[name] = os.fstat(fd).st_size
-
-        return sync
-
-    for name in ("fsync", "fdatasync"):
-        monkeypatch.setattr(os, name, noted(getattr(os, name)))
-    return synced
-
-
 def test_messages_reach_the_disk_while_recording(tmp_path: Path) -> None:
     messages, file = strings(["a", "b", "c"]), tmp_path / "bag" / "bag_0.mcap"
     with BagWriter(tmp_path / "bag", [talk()], {}, flush_period=0.02) as writer:
@@ -101,27 +80,6 @@ def test_a_kill_costs_0_2_s_at_most(tmp_path: Path) -> None:
             now += 0.21
             assert writer.put_message(message)
             until(lambda last=message: last in Bag(tmp_path / "bag").messages())  # type: ignore[misc]
-
-
-def test_what_is_on_disk_has_been_synced(tmp_path: Path, synced: dict[str, int]) -> None:
-    folder = tmp_path / "bag"
-
-    def check(*places: Path) -> None:
-        assert {path.name for path in places} <= synced.keys()
-        assert {path.name: path.stat().st_size for path in folder.iterdir()}.items() <= {
-            **synced
-        }.items()
-        synced.clear()
-
-    with BagWriter(folder, [talk()], {}) as writer:
-        check(folder, tmp_path)
-        writer.put_all(strings(["x" * 900] * 100))
-    check(folder)
-    os.truncate(folder / "bag_0.mcap", (folder / "bag_0.mcap").stat().st_size - 100)
-    (folder / "metadata.yaml").unlink()
-    assert recover(folder).torn is not None
-    (folder / "bag_0.mcap.torn").unlink()
-    check(folder)
 
 
 def test_no_file_stays_open(tmp_path: Path) -> None:
@@ -184,19 +142,6 @@ def test_what_a_failed_sync_may_have_lost_is_written_again(
     assert failures
     read = Bag(tmp_path / "bag")
     assert (list(read.messages()), read.complete) == (messages, True)
-
-
-def test_room_that_comes_right_before_the_close_leaves_no_error(tmp_path: Path) -> None:
-    now, sent = 0.0, [blob(number) for number in range(10)]
-    writer = BagWriter(tmp_path / "bag", [BLOB], {}, clock=lambda: now)
-    writer.open()
-    with limited(resource.RLIMIT_FSIZE, 300_000):
-        writer.put_all(sent)
-        now = 1.0
-        until(lambda: writer.stats().error is not None)
-    writer.close()
-    assert (writer.stats().error, writer.stats().recorded) == (None, {BLOB.name: 10})
-    assert list(Bag(tmp_path / "bag").messages()) == sent
 
 
 def test_who_waits_for_room_waits_for_no_sync(tmp_path: Path) -> None:
@@ -264,16 +209,6 @@ def test_a_bag_deleted_while_recording_is_reported(tmp_path: Path) -> None:
         until(lambda: writer.stats().state is RecorderState.FAILED)
         assert not writer.put_message(strings(["b"])[0])
         assert (writer.stats().lost, writer.stats().file_bytes) == ({"/talk": 2}, 0)
-
-
-def test_a_folder_renamed_while_recording_stays_a_bag(tmp_path: Path) -> None:
-    messages = strings(["a", "b"])
-    with BagWriter(tmp_path / "bag", [talk()], {}) as writer:
-        writer.put_message(messages[0])
-        (tmp_path / "bag").rename(tmp_path / "moved")
-        writer.put_message(messages[1])
-    read = Bag(tmp_path / "moved")
-    assert (list(read.messages()), read.complete) == (messages, True)
 
 
 def test_what_does_not_fit_the_bag_is_lost_and_counted(tmp_path: Path) -> None:

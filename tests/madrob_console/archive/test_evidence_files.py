@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from pathlib import Path
 
 import pytest
 
-from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
+from madrob_console.archive.folders import RESULT_FILE
 from madrob_console.archive.history import History
 from madrob_console.cli.repairing import repair_all
-from madrob_console.common.file_locks import Hold
-from madrob_console.referee.journal import HOLD_FILE
-from recorder.bag import METADATA_FILE, evidence_file_name
+from recorder.bag import evidence_file_name
 from recorder.reader import Bag
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import (
@@ -46,31 +43,6 @@ def torn(tmp_path: Path) -> Path:
     file = add_evidence(run, FRAMES)
     os.truncate(file, file.stat().st_size - 50)
     return run
-
-
-def test_an_engine_that_starts_repairs_evidence_that_was_cut_off_once(torn: Path) -> None:
-    before = files_of(torn)
-    with Hold(torn / HOLD_FILE):  # the run goes on
-        assert list(repair_all(torn.parent)) == []
-    assert files_of(torn).items() >= before.items()
-    assert list(repair_all(torn.parent)) == []
-    assert list(Bag(torn, evidence=True).messages()) == FRAMES
-    (file,) = evidence_left(torn)
-    assert file.name in (torn / METADATA_FILE).read_text()
-    after = files_of(torn)
-    told = {METADATA_FILE, JOURNAL_FILE, RESULT_FILE, "report.html", file.name}
-    assert {name for name in before if after[name] != before[name]} <= told
-    stored, now = (json.loads(files[RESULT_FILE]) for files in (before, after))
-    assert {key for key in stored if now[key] != stored[key]} <= {"evidence", "files", "journal"}
-    account = now["evidence"]
-    assert [topic["messages"] for topic in account["topics"]] == [len(FRAMES)]
-    assert "what was lost is not known" in account["problems"][0]
-    assert account["file_bytes"] == file.stat().st_size
-    file.write_bytes(b"whatever it is" * 100)  # what is listed is not opened
-    after[file.name] = file.read_bytes()
-    for _ in range(2):
-        assert list(repair_all(torn.parent)) == []
-    assert files_of(torn) == after
 
 
 def test_it_does_so_beside_a_run_that_was_cut_off_itself(torn: Path) -> None:

@@ -16,7 +16,6 @@ from typing import Any
 import msgspec
 import pytest
 
-from madrob_console.archive.evidence import settled_account
 from madrob_console.cli.repairing import repair_all
 from madrob_console.engine.core.engine_config import EvidencePlan
 from madrob_console.engine.core.engine_core import DISK_WAITS
@@ -564,20 +563,3 @@ def test_a_folder_that_takes_no_file_ends_the_evidence_and_nothing_else(folder: 
     assert (run.topic.messages, run.topic.lost) == (0, {EvidenceLoss.DISK: 1})
     run.end()
     assert taken.stat().st_size == 0
-
-
-def test_what_the_disk_refuses_after_the_end_was_never_told_as_written(folder: Path) -> None:
-    with written(folder, most=1_500_000) as run:
-        run.hold()
-        run.take(*range(25))
-        run.file.end()
-        told = EvidenceAccount((run.topic.recorded(0.0),), unwritten=run.state.unwritten)
-    assert told.unwritten == 25
-    assert run.failed == "the budget is used up: raise `recording.budget`"
-    account = settled_account(folder, told)
-    assert account is not None
-    in_file = published(folder)
-    assert 0 < in_file < 25
-    (one,) = account.topics
-    assert (one.messages, one.lost) == (in_file, {EvidenceLoss.DISK: 25 - in_file})
-    assert account.unwritten == 0
