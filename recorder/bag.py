@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
-from itertools import chain
 from typing import Any
 
 import msgspec
@@ -15,6 +15,9 @@ import yaml
 
 METADATA_FILE = "metadata.yaml"
 BAG_INFORMATION = "rosbag2_bagfile_information"
+EVIDENCE = "_evidence"
+"""Ends the name of a bag that was recorded beside another one, in the folder of that one."""
+
 MAX_NS = 2**63 - 1
 """The latest time rosbag2 can store; it also stands for the start of an empty bag."""
 
@@ -31,9 +34,6 @@ YAML_PROBLEMS = (
 
 _TOPIC_NAME = re.compile(r"(/[^\s/]+)+")
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*", re.ASCII)
-
-_SUFFIX = ".mcap"
-_EVIDENCE = re.compile(r"_evidence_\d+\.mcap\Z", re.ASCII)
 
 _QOS_LIMIT = 64 * 1024
 """The most characters of QoS that are parsed; one publisher has about 400."""
@@ -97,22 +97,6 @@ def bag_file_name(folder_name: str) -> str:
     return f"{folder_name}_0.mcap"
 
 
-def evidence_file_name(folder_name: str, number: int) -> str:
-    """Nothing is scored from evidence. Numbers count from 0."""
-    return f"{folder_name}_evidence_{number}.mcap"
-
-
-def is_evidence(file_name: str) -> bool:
-    """Whether the file holds evidence: cameras and other topics, nothing of the score."""
-    return _EVIDENCE.search(file_name) is not None
-
-
-def is_left_of_evidence(file_name: str) -> bool:
-    """Whether it is evidence, or left by its repair: the torn file, an unfinished new one."""
-    name, suffix, _ = file_name.partition(_SUFFIX)
-    return is_evidence(name + suffix)
-
-
 def qos_text(qos: Qos) -> str:
     return _dump(_qos_profiles(qos))
 
@@ -150,7 +134,7 @@ def parse_qos(text: str) -> Qos:
 
 @dataclass(frozen=True, slots=True)
 class BagInformation:
-    """The content of `metadata.yaml`: a bag's first file, and those after it (`more`).
+    """The content of `metadata.yaml` for a bag of one file.
 
     Times are log times, ns since the epoch; None without messages.
     """
@@ -160,47 +144,42 @@ class BagInformation:
     counts: Mapping[str, int]
     start_ns: int | None
     end_ns: int | None
-    more: tuple[BagInformation, ...] = ()
 
     def metadata_yaml(self) -> str:
-        return _dump({BAG_INFORMATION: _document((self, *self.more))})
+        return _dump({BAG_INFORMATION: self._document()})
 
     def serialized_metadata(self) -> str:
-        """The metadata record `rosbag2` of the first file: without the root key."""
-        return _dump(_document((self,)))
+        """The metadata record `rosbag2`: without the root key."""
+        return _dump(self._document())
 
+    def _document(self) -> dict[str, Any]:
+        return {
+            "version": 9,
+            "storage_identifier": "mcap",
+            **self._span(),
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": _topic_metadata(topic),
+                    "message_count": self.counts.get(topic.name, 0),
+                }
+                for topic in self.topics
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [self.file_name],
+            "files": [{"path": self.file_name, **self._span()}],
+            "custom_data": None,
+            "ros_distro": "jazzy",
+        }
 
-def _document(files: tuple[BagInformation, ...]) -> dict[str, Any]:
-    """A topic in several files has one entry, as in the first file."""
-    topics: dict[str, Topic] = {}
-    for topic in chain.from_iterable(file.topics for file in files):
-        topics.setdefault(topic.name, topic)
-    counts = sum((Counter(file.counts) for file in files), Counter[str]())
-    return {
-        "version": 9,
-        "storage_identifier": "mcap",
-        **_span(files),
-        "topics_with_message_count": [
-            {"topic_metadata": _topic_metadata(topic), "message_count": counts[topic.name]}
-            for topic in topics.values()
-        ],
-        "compression_format": "",
-        "compression_mode": "",
-        "relative_file_paths": [file.file_name for file in files],
-        "files": [{"path": file.file_name, **_span((file,))} for file in files],
-        "custom_data": None,
-        "ros_distro": "jazzy",
-    }
-
-
-def _span(files: tuple[BagInformation, ...]) -> dict[str, Any]:
-    start = min((file.start_ns for file in files if file.start_ns is not None), default=MAX_NS)
-    end = max((file.end_ns for file in files if file.end_ns is not None), default=start)
-    return {
-        "duration": {"nanoseconds": end - start},
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "message_count": sum(number for file in files for number in file.counts.values()),
-    }
+    def _span(self) -> dict[str, Any]:
+        start = MAX_NS if self.start_ns is None else self.start_ns
+        end = start if self.end_ns is None else self.end_ns
+        return {
+            "duration": {"nanoseconds": end - start},
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "message_count": sum(self.counts.values()),
+        }
 
 
 def _topic_metadata(topic: Topic) -> dict[str, Any]:
@@ -241,6 +220,20 @@ def _dump(value: object) -> str:
         return str(yaml.dump(value, Dumper=quick, sort_keys=False, allow_unicode=True))
     except UnicodeEncodeError:
         return yaml.safe_dump(value, sort_keys=False, allow_unicode=True)
+
+
+def write_metadata(folder_fd: int, information: BagInformation) -> None:
+    """Replace `metadata.yaml` in an open folder, on disk on return; a crash leaves one of them."""
+    part = f"{METADATA_FILE}.part"  # no reader looks at it
+    with suppress(FileNotFoundError):
+        os.unlink(part, dir_fd=folder_fd)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+    with os.fdopen(os.open(part, flags, 0o666, dir_fd=folder_fd), "wb") as file:
+        file.write(information.metadata_yaml().encode())
+        file.flush()
+        os.fsync(file.fileno())
+    os.rename(part, METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+    os.fsync(folder_fd)
 
 
 class RawMessage(msgspec.Struct, frozen=True, gc=False):

@@ -27,13 +27,13 @@ from mcap.writer import MCAP0_MAGIC
 from recorder import RecorderError
 from recorder.bag import (
     BAG_INFORMATION,
+    EVIDENCE,
     METADATA_FILE,
     YAML_PROBLEMS,
     BagInformation,
     Batch,
     RawMessage,
     Topic,
-    is_evidence,
     load_yaml,
     parse_qos,
 )
@@ -47,7 +47,7 @@ RECORD_LIMIT = 128 * 1024 * 1024
 HELD_LIMIT = 512 * 1024 * 1024
 """The most memory of messages that are put in order."""
 
-METADATA_LIMIT = 1024 * 1024
+_METADATA_LIMIT = 1024 * 1024
 
 _OVERHEAD_BYTES = 256
 """Memory of a message beside its data."""
@@ -81,9 +81,9 @@ class Bag:
     def __init__(self, path: Path | str, *, evidence: bool = False) -> None:
         """Open a bag folder, recorded here or by `ros2 bag record`, or one `.mcap` file.
 
-        An unfinished or damaged bag is opened as far as it goes. `evidence` opens the folder's
-        evidence instead: cameras and other topics, in files of their own; there may be none.
-        Raises RecorderError if there is nothing to read.
+        An unfinished or damaged bag is opened as far as it goes. `evidence` opens what was recorded
+        beside the bag of this folder instead, cameras and other topics, in all of the bags in it;
+        there may be none. Raises RecorderError if there is nothing to read.
         """
         self.path = Path(path)
         self.problem: str | None = None
@@ -92,8 +92,10 @@ class Bag:
         self._topics: dict[str, Topic] = {}
         try:
             files = [self.path]
-            if self.path.is_dir():
-                files, self.problem = bag_files(self.path, evidence=evidence)
+            if evidence:
+                files = evidence_files(self.path)
+            elif self.path.is_dir():
+                files, self.problem = bag_files(self.path)
             refuse_sqlite(self.path, files)
             self._open(files)
         except ForeignError as error:
@@ -171,7 +173,7 @@ class Bag:
 
     def _in_window(self, topic: str, window: range) -> Iterator[RawMessage]:
         for path, outline in self._outlines.items():
-            for part in self._parts(path, outline.chunks_within(window)):
+            for part in self._parts(path, outline.places_within(window)):
                 for message in part.messages:
                     if message.topic == topic and message.receive_ns in window:
                         yield message
@@ -204,11 +206,12 @@ class Part(Batch):
     Attributes:
         problem: what of it cannot be read, and what became of the rest; None = all was read.
         is_end: nothing behind it can be read.
-        size: in the file, bytes.
+        place, size: in the file, bytes.
     """
 
     problem: str | None = None
     is_end: bool = False
+    place: int = 0
     size: int = 0
 
 
@@ -218,11 +221,11 @@ class Outline:
 
     Attributes:
         topics: by name.
-        channels: topics by the number of their channel, of the summary.
+        channels: topics by the number of their channel.
         counts: messages by topic.
         problems: what cannot be read.
-        starts, ends: first and last log times of the chunks that have messages, as they are stored.
-        places: of these chunks in the file; empty where no summary tells.
+        starts, ends: first and last log times of the parts that have messages, as they are stored.
+        places: of these parts in the file.
     """
 
     topics: dict[str, Topic] = field(default_factory=dict)
@@ -242,13 +245,12 @@ class Outline:
         end_ns = max(self.ends, default=None)
         return BagInformation(name, list(self.topics.values()), self.counts, self.start_ns, end_ns)
 
-    def chunks_within(self, window: range) -> list[int] | None:
-        """Return the places of the chunks with messages in a window; None where no index tells."""
-        if not self.places:
-            return None
-        chunks = zip(self.places, self.starts, self.ends, strict=True)
+    def places_within(self, window: range) -> list[int]:
+        """Return the places of the parts with messages in a window."""
         return [
-            place for place, start, end in chunks if start < window.stop and end >= window.start
+            place
+            for place, start, end in zip(self.places, self.starts, self.ends, strict=True)
+            if start < window.stop and end >= window.start
         ]
 
     def add(self, part: Part) -> None:
@@ -259,6 +261,7 @@ class Outline:
             self.problems.append(part.problem)
         if part.messages:
             times = [message.receive_ns for message in part.messages]
+            self.places.append(part.place)
             self.starts.append(min(times))
             self.ends.append(max(times))
             self.counts.update(message.topic for message in part.messages)
@@ -277,9 +280,10 @@ def read_outline(file: BufferedReader) -> Outline:
     outline = read_summary(file)
     if outline is not None:
         return outline
-    outline = Outline()
+    reader = FileReader(file)
+    outline = Outline(channels=reader.topics)
     try:
-        for part in FileReader(file).parts():
+        for part in reader.parts():
             outline.add(part)
     except OSError as error:
         outline.problems.append(f"it cannot be read ({error}){_ENDS}")
@@ -287,9 +291,8 @@ def read_outline(file: BufferedReader) -> Outline:
 
 
 def read_parts(file: BufferedReader) -> Iterator[Part]:
-    """Yield everything in a recording; the summary tells the channels that damage hides."""
-    summary = read_summary(file)
-    yield from FileReader(file, None if summary is None else summary.channels).parts()
+    """Yield everything in a recording; its end may tell the channels that damage hides."""
+    return FileReader(file, read_outline(file).channels).parts()
 
 
 def read_summary(file: BufferedReader) -> Outline | None:
@@ -354,8 +357,8 @@ class FileReader:
     """Reads a recording from its beginning to its end, or some of its parts.
 
     Args:
-        topics: by the numbers of their channels, as the summary tells them: a damaged chunk may
-            have held them.
+        topics: by the numbers of their channels, as an outline has them: a damaged chunk may have
+            held them.
     """
 
     def __init__(self, file: BufferedReader, topics: dict[int, Topic] | None = None) -> None:
@@ -403,7 +406,8 @@ class FileReader:
         if is_cut and opcode != Opcode.CHUNK:
             return Part(problem=torn, is_end=True)
 
-        part = Part(size=_HEAD.size + length, is_end=is_cut or opcode == Opcode.FOOTER)
+        is_end = is_cut or opcode == Opcode.FOOTER
+        part = Part(is_end=is_end, place=place, size=_HEAD.size + length)
         try:
             damage = self._add_record(part, opcode, content, is_cut=is_cut)
         except ForeignError:
@@ -557,19 +561,13 @@ def _decompress(compression: str, data: bytes, size: int) -> bytes:
 # The files of a bag.
 
 
-def open_recording(path: str | Path, folder_fd: int | None = None) -> BufferedReader:
-    """Open a file to read; raises ForeignError for a pipe or a folder, OSError for a link.
-
-    A link is refused in an open folder only.
-    """
-    flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe must not block
-    if folder_fd is not None:
-        flags |= os.O_NOFOLLOW
-    number = os.open(path, flags, dir_fd=folder_fd)
+def open_recording(path: Path) -> BufferedReader:
+    """Open a file to read; raises ForeignError for a pipe or a folder."""
+    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe must not block
     if stat.S_ISREG(os.fstat(number).st_mode):
         return os.fdopen(number, "rb")
     os.close(number)
-    raise ForeignError(f"{PurePath(path).name} is not a file")
+    raise ForeignError(f"{path.name} is not a file")
 
 
 def not_a_bag(path: Path, error: ForeignError) -> RecorderError:
@@ -578,15 +576,11 @@ def not_a_bag(path: Path, error: ForeignError) -> RecorderError:
     )
 
 
-def bag_files(folder: Path, *, evidence: bool = False) -> tuple[list[Path], str | None]:
+def bag_files(folder: Path) -> tuple[list[Path], str | None]:
     """Return the recordings of a bag in their order, and why they may not be all.
 
-    Evidence is found by its name, whether `metadata.yaml` lists it yet or not. Raises ForeignError
-    without a recording, and RecorderError if they are compressed as a whole.
+    Raises ForeignError without a recording, RecorderError if they are compressed as a whole.
     """
-    there = sorted(folder.iterdir(), key=natural_order)
-    if evidence:
-        return [path for path in there if is_evidence(path.name)], None
     try:
         information = bag_information(folder)
         names = listed_names(information)
@@ -599,12 +593,17 @@ def bag_files(folder: Path, *, evidence: bool = False) -> tuple[list[Path], str 
             raise RecorderError(
                 f"{folder} is compressed by rosbag2 as a whole; unpack it by `ros2 bag convert`"
             )
-        return [folder / name for name in names if not is_evidence(name)], None
+        return [folder / name for name in names], None
+    there = sorted(folder.iterdir(), key=natural_order)
     recordings = [path for path in there if path.suffix in {".mcap", ".db3"}]
-    recordings = [path for path in recordings if not is_evidence(path.name)]
     if not recordings:
         raise ForeignError("the folder holds no recording")
     return recordings, problem
+
+
+def evidence_files(folder: Path) -> list[Path]:
+    """Return the recordings of the bags in a run's folder, which hold its evidence."""
+    return sorted(folder.glob(f"*{EVIDENCE}*/*.mcap"), key=natural_order)
 
 
 def bag_information(folder: Path) -> dict[str, Any]:
@@ -613,11 +612,7 @@ def bag_information(folder: Path) -> dict[str, Any]:
     Raises YAML_PROBLEMS if it is damaged, ForeignError if it is not a file.
     """
     with open_recording(folder / METADATA_FILE) as file:
-        return information_in(file.read(METADATA_LIMIT))
-
-
-def information_in(metadata: bytes) -> dict[str, Any]:
-    document: Any = load_yaml(metadata.decode())
+        document: Any = load_yaml(file.read(_METADATA_LIMIT).decode())
     information: dict[str, Any] = document[BAG_INFORMATION]
     return information
 
@@ -636,7 +631,7 @@ def refuse_sqlite(path: Path, files: Iterable[Path]) -> None:
         raise RecorderError(f"{path} is a sqlite3 bag; make it an mcap bag by `ros2 bag convert`")
 
 
-def natural_order(path: Path | str) -> list[int | str]:
+def natural_order(path: Path) -> list[int | str]:
     """Return a key that sorts by the numbers in names: `bag_10.mcap` comes after `bag_9.mcap`."""
-    parts = re.split(r"(\d+)", PurePath(path).name)
+    parts = re.split(r"(\d+)", path.name)
     return [int(part) if part.isdecimal() else part for part in parts]

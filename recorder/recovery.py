@@ -15,20 +15,22 @@ from dataclasses import dataclass, replace
 from io import BufferedReader
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 from recorder import RecorderError
-from recorder.bag import METADATA_FILE, YAML_PROBLEMS, BagInformation, Batch, is_evidence
-from recorder.evidence import listing, open_folder, put_listing, summarised
+from recorder.bag import (
+    METADATA_FILE,
+    YAML_PROBLEMS,
+    BagInformation,
+    Batch,
+    write_metadata,
+)
 from recorder.reader import (
     RECOVERY_RECORD,
     ForeignError,
     Outline,
     bag_files,
     bag_information,
-    information_in,
     listed_names,
-    natural_order,
     not_a_bag,
     open_recording,
     read_parts,
@@ -53,8 +55,6 @@ class Recovered:
         torn: the old file; None if it was whole already.
         metadata: None if it was right, or the file is one of several in its folder.
         cut: what was wrong with the old file, in its order.
-        evidence: the same of each file of evidence that was not whole.
-        hopeless: why other evidence stays as it is; it harms nothing.
     """
 
     file: Path
@@ -62,13 +62,10 @@ class Recovered:
     torn: Path | None
     metadata: Path | None
     cut: tuple[str, ...]
-    evidence: tuple[Recovered, ...] = ()
-    hopeless: tuple[str, ...] = ()
 
     @property
     def changed(self) -> bool:
-        written = bool(self.cut) or self.metadata is not None
-        return written or any(file.changed for file in self.evidence)
+        return bool(self.cut) or self.metadata is not None
 
 
 def recover(path: Path) -> Recovered:
@@ -79,23 +76,12 @@ def recover(path: Path) -> Recovered:
     """
     with _refusals(path):
         file, is_alone = _recording_at(path)
-        with open_folder(file.parent) as folder_fd:
-            recovered, information = _recover_file(file)
-            if is_alone and (recovered.cut or not _is_listed(folder_fd, file.parent, information)):
-                put_listing(folder_fd, information)
-                recovered = replace(recovered, metadata=file.parent / METADATA_FILE)
-            elif recovered.cut and is_evidence(file.name):
-                put_listing(folder_fd)
-            if path.is_dir():
-                evidence, hopeless = _recover_evidence(path, folder_fd)
-                recovered = replace(recovered, evidence=evidence, hopeless=hopeless)
-            return recovered
-
-
-def recover_evidence(folder: Path) -> tuple[Recovered, ...]:
-    """Repair the evidence of a bag; the recording is left alone."""
-    with _refusals(folder), open_folder(folder) as folder_fd:
-        return _recover_evidence(folder, folder_fd)[0]
+        recovered, information = _recover_file(file)
+        if is_alone and (recovered.cut or not _is_listed(file.parent, information)):
+            with _open_folder(file.parent) as folder_fd:
+                write_metadata(folder_fd, information)
+            recovered = replace(recovered, metadata=file.parent / METADATA_FILE)
+        return recovered
 
 
 @contextmanager
@@ -104,8 +90,6 @@ def _refusals(path: Path) -> Iterator[None]:
     try:
         yield
     except ForeignError as error:
-        if is_evidence(path.name):
-            raise RecorderError(f"{path} is no evidence: {error}; remove it") from None
         raise not_a_bag(path, error) from None
     except OSError as error:
         raise RecorderError(
@@ -115,7 +99,7 @@ def _refusals(path: Path) -> Iterator[None]:
 
 
 def _recording_at(path: Path) -> tuple[Path, bool]:
-    """Return the recording, and whether it is all that its folder has beside evidence."""
+    """Return the recording, and whether it is all that its folder has."""
     if path.is_dir():
         files = bag_files(path)[0]
         refuse_sqlite(path, files)
@@ -133,25 +117,6 @@ def _recording_at(path: Path) -> tuple[Path, bool]:
     with suppress(RecorderError, ForeignError):
         return path, bag_files(path.parent)[0] == [path]
     return path, False
-
-
-def _recover_evidence(
-    folder: Path, folder_fd: int
-) -> tuple[tuple[Recovered, ...], tuple[str, ...]]:
-    """Repair each file without a summary; one that has it is taken for whole and not read."""
-    done: list[Recovered] = []
-    hopeless: list[str] = []
-    for name in sorted(filter(is_evidence, os.listdir(folder_fd)), key=natural_order):
-        if summarised(folder_fd, name) is not None:
-            continue
-        try:
-            with _refusals(folder / name):
-                done.append(_recover_file(folder / name)[0])
-        except RecorderError as error:
-            hopeless.append(str(error))
-    if any(file.cut for file in done):
-        put_listing(folder_fd)
-    return tuple(done), tuple(hopeless)
 
 
 def _recover_file(path: Path) -> tuple[Recovered, BagInformation]:
@@ -215,7 +180,7 @@ def _replace(file: BufferedReader, path: Path, outline: Outline) -> Path:
         new.finish()
         torn = _keep(path)
         part.rename(path)
-        with open_folder(path.parent) as folder_fd:
+        with _open_folder(path.parent) as folder_fd:
             os.fsync(folder_fd)
         return torn
     finally:
@@ -236,22 +201,24 @@ def _keep(path: Path) -> Path:
     raise AssertionError
 
 
-def _is_listed(folder_fd: int, folder: Path, information: BagInformation) -> bool:
+def _is_listed(folder: Path, information: BagInformation) -> bool:
     """Whether `metadata.yaml` tells what is there."""
-    listed = listing(folder_fd, information) or information
-    expected = information_in(listed.metadata_yaml().encode())
     try:
-        document = bag_information(folder)
-        return (
-            listed_names(document) == listed_names(expected)
-            and document["message_count"] == expected["message_count"]
-            and _counts(document) == _counts(expected)
-        )
+        listed = bag_information(folder)
+        counts = {
+            topic["topic_metadata"]["name"]: topic["message_count"]
+            for topic in listed["topics_with_message_count"]
+            if topic["message_count"]
+        }
+        return listed_names(listed) == [information.file_name] and counts == information.counts
     except (FileNotFoundError, *YAML_PROBLEMS):
         return False
 
 
-def _counts(document: dict[str, Any]) -> dict[str, int]:
-    topics = document["topics_with_message_count"]
-    counts = {topic["topic_metadata"]["name"]: topic["message_count"] for topic in topics}
-    return {name: count for name, count in counts.items() if count}
+@contextmanager
+def _open_folder(folder: Path) -> Iterator[int]:
+    fd = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        yield fd
+    finally:
+        os.close(fd)

@@ -31,11 +31,10 @@ from recorder.bag import (
     RawMessage,
     Topic,
     bag_file_name,
-    evidence_file_name,
     qos_text,
     topic_problem,
+    write_metadata,
 )
-from recorder.evidence import FurtherFile, open_folder, put_listing
 
 ROSBAG2_RECORD = "rosbag2"
 """The metadata record in which rosbag2 repeats `metadata.yaml`."""
@@ -67,7 +66,6 @@ class RecorderStats:
         lost: those that will never be in the bag. What is neither waits in memory.
         memory_bytes: of what waits.
         seconds_since_sync: since everything received was on the disk; None before `open`.
-        end_ns: last log time in the file, ns since the epoch; None without messages.
         error: why the disk takes nothing at the moment, or why the recording ended.
     """
 
@@ -79,7 +77,6 @@ class RecorderStats:
     memory_bytes: int = 0
     file_bytes: int = 0
     seconds_since_sync: float | None = None
-    end_ns: int | None = None
     error: str | None = None
 
 
@@ -87,7 +84,7 @@ class BagWriter:
     """Records one bag; every method may be called from any thread.
 
     Args:
-        place: the bag folder, made by `open`, whose parent must exist; or a file of evidence.
+        folder: of the bag, made by `open`; its parent must exist.
         topics: known beforehand; later ones by `add_topic`.
         records: MCAP metadata records by name, written before the first message.
         flush_period: seconds of `clock` between two syncs, about the most that a crash can cost.
@@ -98,7 +95,7 @@ class BagWriter:
 
     def __init__(
         self,
-        place: Path | FurtherFile,
+        folder: Path,
         topics: Sequence[Topic],
         records: Mapping[str, Mapping[str, str]],
         *,
@@ -107,8 +104,7 @@ class BagWriter:
         block_when_full: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.folder = place.folder if isinstance(place, FurtherFile) else place
-        self._further = place if isinstance(place, FurtherFile) else None
+        self.folder = folder
         self._first = Batch(list(topics), records={n: dict(r) for n, r in records.items()})
         self._flush_period = flush_period
         self._memory_bytes = memory_bytes
@@ -133,21 +129,10 @@ class BagWriter:
         """
         if self._stats.state is not RecorderState.CLOSED or self._closing:
             raise RecorderError(f"{self.folder} was recorded or closed before; make a new recorder")
-        self._start(self._run, self._create())
-
-    def start(self, niceness: int) -> None:
-        """Do as `open` in the writer's thread, with low priority: nobody waits for the disk.
-
-        Messages wait in memory until the file is there. If it cannot be made, they are lost and
-        `stats` has the error.
-        """
-        self._types = {topic.name: topic.type for topic in self._first.topics}
-        self._start(self._create_and_run, niceness)
-
-    def _start(self, target: Callable[..., None], argument: object) -> None:
+        file = self._create()
         # A daemon: a program that ends without `close` must not hang on it.
         self._thread = threading.Thread(
-            target=target, args=(argument,), name="recorder", daemon=True
+            target=self._run, args=(file,), name="recorder", daemon=True
         )
         self._stats.state = RecorderState.RECORDING
         self._thread.start()
@@ -229,18 +214,14 @@ class BagWriter:
                 seconds_since_sync=None if self._synced is None else now - self._synced,
             )
 
-    def finish(self) -> None:
-        """Do as `close`, without waiting for it."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
-
     def close(self, timeout: float | None = 30.0) -> RecorderStats:
         """Write what is queued, finish the bag and its `metadata.yaml`; safe to call twice.
 
         `timeout` (s) is when an unresponsive disk counts as failed; None = never.
         """
-        self.finish()
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
         if self._thread is not None:
             self._thread.join(timeout)
             if self._thread.is_alive():
@@ -293,7 +274,8 @@ class BagWriter:
             if problem:
                 raise RecorderError(f"{problem}; correct the topic's configuration")
         try:
-            file = self._file_of_evidence() if self._further else self._file_of_bag()
+            self.folder.mkdir()
+            file = self._make_file()
         except FileExistsError:
             raise RecorderError(
                 f"{self.folder} exists already; move it away or record under another name"
@@ -307,15 +289,13 @@ class BagWriter:
         self._synced = self._clock()
         return file
 
-    def _file_of_bag(self) -> BagFile:
+    def _make_file(self) -> BagFile:
+        """Make the file and `metadata.yaml`; where the disk refuses, nothing is left."""
         path = self.folder / bag_file_name(self.folder.name)
-        self.folder.mkdir()
         try:
             file = BagFile(path, self._first)
             self._folder_fd = os.open(self.folder, os.O_DIRECTORY | os.O_CLOEXEC)
-            self._list(file)
-            with open_folder(self.folder.parent) as parent_fd:
-                os.fsync(parent_fd)  # its names survive a power cut then
+            write_metadata(self._folder_fd, file.information())
         except OSError:
             path.unlink(missing_ok=True)
             (self.folder / METADATA_FILE).unlink(missing_ok=True)
@@ -323,53 +303,26 @@ class BagWriter:
             raise
         return file
 
-    def _file_of_evidence(self) -> BagFile:
-        assert self._further is not None
-        name = evidence_file_name(self.folder.name, self._further.number)
-        self._folder_fd = os.open(self.folder, os.O_DIRECTORY | os.O_CLOEXEC)
-        return BagFile(self.folder / name, self._first)
-
-    def _list(self, file: BagFile) -> None:
-        put_listing(self._folder_fd, None if self._further else file.information())
-        os.fsync(self._folder_fd)
-
     # The writer's thread.
-
-    def _create_and_run(self, niceness: int) -> None:
-        with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), niceness)
-        try:
-            file = self._create()
-        except Exception as error:  # noqa: BLE001 - whatever it is, the program goes on
-            self._fail(error)
-        else:
-            self._run(file)
 
     def _run(self, file: BagFile) -> None:
         try:
             next_sync = self._clock() + self._flush_period
             closing = False
-            refusal = None
-            while not closing and not refusal:
+            while not closing:
                 batch, cost, closing = self._take_batch(next_sync - self._clock())
-                if self._further:
-                    refusal = self._further.refusal(file.disk.tell(), cost)
-                if refusal:
-                    self._give_up(refusal)
-                else:
-                    file.add(batch)
+                file.add(batch)
                 if self._blocked or self._clock() >= next_sync:
                     next_sync = self._clock() + self._flush_period
                     self._sync(file)
                 self._report(file, cost)
             file.finish()
-            self._list(file)
+            write_metadata(self._folder_fd, file.information())
             self._report(file, 0)
             with self._changed:
-                if self._stats.state is RecorderState.RECORDING:
+                if self._stats.state is RecorderState.RECORDING:  # else it was given up on
                     self._stats.state = RecorderState.FINISHED
-                    self._stats.error = refusal  # what the disk refused before is there now
-                    self._stats.lost = self._stats.received - self._stats.recorded
+                    self._stats.error = None  # what the disk refused before is there now
         except Exception as error:  # noqa: BLE001 - whatever it is, the run goes on
             self._report(file, 0)
             self._fail(error)
@@ -384,11 +337,6 @@ class BagWriter:
             batch = self._waiting
             self._waiting = Batch()
             return batch, self._queued_bytes, self._closing
-
-    def _give_up(self, refusal: str) -> None:
-        with self._changed:
-            self._closing = True
-            self._stats.error = refusal
 
     def _sync(self, file: BagFile) -> None:
         """Bring all to the disk; what it refuses is tried again at the next sync."""
@@ -411,7 +359,6 @@ class BagWriter:
             if self._stats.state is RecorderState.FAILED:  # given up on; the account is closed
                 return
             self._stats.recorded = file.recorded
-            self._stats.end_ns = file.end_ns
             self._stats.file_bytes = file.disk.size
             self._queued_bytes -= done
             self._unsaved_bytes = len(file.disk.waiting)
@@ -429,8 +376,7 @@ class BagWriter:
                 outcome = "what was written is lost, find out what deletes it before the next run"
                 self._stats.recorded = Counter()
                 self._stats.file_bytes = 0
-            failed = f"recording to {self.folder} failed: {cause}; {outcome}"
-            self._stats.error = cause if isinstance(error, RecorderError) else failed
+            self._stats.error = f"recording to {self.folder} failed: {cause}; {outcome}"
             self._stats.lost = self._stats.received - self._stats.recorded
             self._waiting = Batch()
             self._queued_bytes = 0
@@ -451,7 +397,6 @@ class BagFile:
 
     Attributes:
         recorded: messages on the disk, by topic.
-        end_ns: last log time, ns since the epoch; None without messages.
     """
 
     def __init__(self, path: Path, first: Batch, listed_as: str | None = None) -> None:
@@ -462,7 +407,7 @@ class BagFile:
         self._counts: Counter[str] = Counter()
         self.recorded: Counter[str] = Counter()
         self._start_ns: int | None = None
-        self.end_ns: int | None = None
+        self._end_ns: int | None = None
         self.disk = Disk(path)
         output: Any = self.disk
         self._writer = Writer(output, CHUNK_BYTES, CompressionType.ZSTD)
@@ -491,7 +436,7 @@ class BagFile:
             )
             self._counts[message.topic] += 1
             self._start_ns = time_ns if self._start_ns is None else min(time_ns, self._start_ns)
-            self.end_ns = time_ns if self.end_ns is None else max(time_ns, self.end_ns)
+            self._end_ns = time_ns if self._end_ns is None else max(time_ns, self._end_ns)
         for name, record in batch.records.items():
             self.end_chunk()  # it stands behind what came before it
             self._writer.add_metadata(_text(name), {_text(k): _text(v) for k, v in record.items()})
@@ -519,7 +464,7 @@ class BagFile:
 
     def information(self) -> BagInformation:
         topics = list(self._topics.values())
-        return BagInformation(self._name, topics, self._counts, self._start_ns, self.end_ns)
+        return BagInformation(self._name, topics, self._counts, self._start_ns, self._end_ns)
 
     def finish(self) -> None:
         """Add the record `rosbag2`, the indexes and the summary; on disk on return."""

@@ -64,10 +64,7 @@ def library_words(stored: Libraries, now: Libraries) -> str:
     return f"libraries differ: {'; '.join(changed)}"
 
 
-_NOT_COMPARED = {
-    *("format", "software", "libraries", "remark", "files_left_out", "flags"),
-    "removed_evidence",
-}
+_NOT_COMPARED = {"format", "software", "libraries", "remark", "files_left_out", "flags"}
 """Keys about the program that wrote the result, in its own words, or about work done beside it."""
 
 _COMPUTED = ("indicators.", "quality.")

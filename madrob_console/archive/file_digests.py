@@ -44,8 +44,6 @@ def digests_of(
     """
     digests, left_out, new = {}, [], new or {}
     names = {f"{run or folder.name}_0.mcap", _METADATA, *filter(_is_data, _names(folder)), *new}
-    if lists_evidence(folder):
-        names.discard(_METADATA)
     for name in sorted(names):
         try:
             digests[name] = _digest_of(new[name]) if name in new else _digest(folder / name)
@@ -64,27 +62,6 @@ def digests_of_torn(recording: Path) -> set[str]:
     return digests
 
 
-def lists_evidence(folder: Path) -> bool:
-    """Whether a bag has or had evidence: then its `metadata.yaml` has no digest.
-
-    Evidence may be finished after the result, and is thinned later. Both change `metadata.yaml`.
-    """
-    from recorder.bag import is_evidence
-
-    return any(map(is_evidence, _names(folder))) or any(map(is_evidence, listed_in(folder)))
-
-
-def listed_in(folder: Path) -> list[str]:
-    """The files in a bag's `metadata.yaml`; none where that is missing or damaged."""
-    from recorder.bag import YAML_PROBLEMS
-    from recorder.reader import ForeignError, bag_information, listed_names
-
-    try:
-        return listed_names(bag_information(folder))
-    except (ForeignError, OSError, *YAML_PROBLEMS):
-        return []
-
-
 def _names(folder: Path) -> list[str]:
     try:
         return os.listdir(folder)  # noqa: PTH208  of the names only
@@ -93,10 +70,7 @@ def _names(folder: Path) -> list[str]:
 
 
 def _is_data(name: str) -> bool:
-    """Evidence is not: the result takes nothing from it, and its digest takes long."""
-    from recorder.bag import is_evidence  # lists of runs do without the recorder
-
-    return name.endswith(_DATA) and not name.startswith(".") and not is_evidence(name)
+    return name.endswith(_DATA) and not name.startswith(".")
 
 
 def _digest(path: Path) -> FileDigest:

@@ -38,11 +38,6 @@ JOURNAL_FILE = "journal.jsonl"
 
 REPORT_FILE = "report.html"
 
-PICTURES_FOLDER = "pictures"
-"""The camera pictures of a run's moments."""
-
-PICTURES_INDEX = "index.json"
-
 FRAMES_FOLDER = "frames"
 """The camera pictures of instants that somebody asked for."""
 

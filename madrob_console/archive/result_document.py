@@ -16,7 +16,7 @@ from madrob_console.archive.file_digests import FileDigest
 from madrob_console.archive.folders import RESULT_FORMAT
 from madrob_console.common.names import SourceKind, is_rehearsal
 from madrob_console.messages.mapping import TopicMapping
-from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.evidence import Evidence
 from madrob_console.referee.flags import Flag
 from madrob_console.referee.protests import Protest, open_protests
 from madrob_console.referee.records import (
@@ -28,7 +28,6 @@ from madrob_console.referee.records import (
     JournalMark,
     Note,
     Reissuing,
-    RemovedEvidence,
     TakenBack,
     Voiding,
     Waiver,
@@ -98,8 +97,6 @@ class ResultDocument(Result, Heading):
         taken_back: what the referee decided and took back.
         reissues: why the result has more than one issue, oldest first; of each earlier issue
             `result_issue_N.json` has what it said.
-        removed_evidence: what was removed of the run's evidence before this issue was made; the
-            journal has what was removed after it.
         remark: on the times.
         robot_start: when the robot said that it set out, s since the epoch, by reception; null = it
             did not say so.
@@ -109,8 +106,7 @@ class ResultDocument(Result, Heading):
             date.
         flags: what a decision on the run hangs on, and what is undecided, the heaviest first.
         evidence: what was recorded beside the testbed's topics, and what was lost of it; nothing is
-            scored from it. Where it was still being written it is told again once it is in its
-            files, but never of a final result: the journal has that. null = no evidence was wanted.
+            scored from it. null = nothing was wanted.
         zero_samples: those behind `handle_zero`, by the time of reception; null where it was never
             set.
         mappings: where the testbed published each signal, and how its messages were read.
@@ -131,11 +127,10 @@ class ResultDocument(Result, Heading):
     protests: tuple[Protest, ...] = ()
     taken_back: tuple[TakenBack, ...] = ()
     reissues: tuple[Reissuing, ...] = ()
-    removed_evidence: tuple[RemovedEvidence, ...] = ()
     files: dict[str, FileDigest] = field(default_factory=dict)
     files_left_out: tuple[str, ...] = ()
     journal: JournalMark
-    evidence: EvidenceAccount | None = None
+    evidence: Evidence | None = None
     zero_samples: HandleRest | None = None
     robot_start: float | None = None
     mappings: tuple[TopicMapping, ...]

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.formatting import utc_text
 from madrob_console.common.names import terminal_safe
 from madrob_console.common.plain_files import refusal
 from madrob_console.referee.acts import FileProtest, Finalise
@@ -97,14 +96,6 @@ def ever_protested(folder: Path) -> bool:
         or (entry.what == Finalise.name and entry.details.get("team_word") == TeamWord.PROTESTED)
         for entry in entries
     )
-
-
-def evidence_removed(folder: Path) -> str:
-    """When the evidence of a run was removed; empty = never, or unknown."""
-    try:
-        return read_run_journal(folder).run.evidence_removed(utc_text)
-    except (UnusableJournalError, OSError):
-        return ""
 
 
 def _run_of(entries: tuple[Entry, ...]) -> Run:

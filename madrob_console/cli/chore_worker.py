@@ -85,7 +85,7 @@ def _code_of(chore: Chore) -> tuple[int, Sequence[Path]]:
 
 
 def _done(chore: Chore) -> tuple[int, Sequence[Path]]:
-    from madrob_console.archive.run_pictures import write_frames
+    from madrob_console.archive.pictures import write_frames
     from madrob_console.cli.main import main as madrob
     from madrob_console.cli.repairing import renew_report, repair_all, without_report
     from madrob_console.pages.related_runs import RelatedRuns

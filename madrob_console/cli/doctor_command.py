@@ -96,13 +96,9 @@ def _evidence(arguments: argparse.Namespace, settings: Settings) -> Iterator[Fin
     import os
 
     from madrob_console.cli.doctor_evidence import look_at_evidence
-    from madrob_console.cli.session import own_topics
-    from madrob_console.messages.types import MessageTypes
 
-    recording = settings.recording
-    own = own_topics(settings, MessageTypes())
     domain = option_values.ros_domain(arguments, settings)
-    return look_at_evidence(recording.choice, own, domain, recording.budget_bytes, os.environ)
+    return look_at_evidence(settings.evidence.topics, domain, os.environ)
 
 
 def _score_references(

@@ -76,8 +76,7 @@ def export(arguments: argparse.Namespace) -> int:
     """Make the zip; name what could not be packed. The last line is the path of the zip."""
     check_options(arguments)
     from madrob_console.export.contents import dossier_contents, team_contents
-    from madrob_console.export.pack import pack
-    from madrob_console.export.packed_bag import BagParts
+    from madrob_console.export.pack import BagParts, pack
     from madrob_console.pages.related_runs import RelatedRuns
 
     notes: tuple[str, ...] = ()
@@ -105,7 +104,6 @@ def export(arguments: argparse.Namespace) -> int:
             target=arguments.output,
             parts=BagParts(not arguments.without_bags, not arguments.without_evidence),
             tell=tell,
-            tell_size=_tell_size,
         )
     others = [f"another name of the team, {words}" for words in contents.other_names]
     return _tell_outcome(packed, [*others, *notes]) or (BAD_INPUT if complaints.count else 0)
@@ -119,12 +117,6 @@ def _tell_outcome(export: Export, notes: Sequence[str]) -> int:
     print(f"{counted(export.runs, 'run')}, {export.files} files, {export.size / 1e6:.1f} MB")
     print(terminal_safe(str(export.path)))
     return BAD_INPUT if export.problems else 0
-
-
-def _tell_size(size: int, evidence: int) -> None:
-    if evidence:
-        words = f"{evidence / 1e6:.1f} MB of it evidence (--without-evidence leaves that out)"
-        complain(f"note: packing {size / 1e6:.1f} MB, {words}")
 
 
 def check_options(arguments: argparse.Namespace) -> None:
@@ -142,12 +134,12 @@ def check_options(arguments: argparse.Namespace) -> None:
 
 
 def rendered_report(run: Path, around: RelatedRuns) -> tuple[dict[str, bytes], list[str]]:
-    """Render a run's report as of now, with pictures if it has none; returns files and problems.
+    """Render a run's report as of now, with its pictures; returns files and problems.
 
     The files go into the zip only. They are named as in the run's folder.
     """
-    from madrob_console.archive.folders import PICTURES_FOLDER, REPORT_FILE
-    from madrob_console.archive.run_pictures import run_pictures, stored_pictures
+    from madrob_console.archive.folders import REPORT_FILE
+    from madrob_console.archive.pictures import pictures_of
     from madrob_console.archive.scored import score_once
     from madrob_console.common.version import software_version
     from madrob_console.pages.report import report_html
@@ -157,9 +149,5 @@ def rendered_report(run: Path, around: RelatedRuns) -> tuple[dict[str, bytes], l
     except MadrobError as error:
         return {}, [f"{REPORT_FILE}: cannot be made: {error}"]
     place = around.place_of(run, scored)
-    pictures, new = stored_pictures(run), {}
-    if not pictures:
-        pictures = run_pictures(run, scored)
-        new = {f"{PICTURES_FOLDER}/{name}": data for name, data in pictures.files.items()}
-    page = report_html(scored, software_version(), place, pictures).encode()
-    return {REPORT_FILE: page, **new}, []
+    page = report_html(scored, software_version(), place, pictures_of(run, scored)).encode()
+    return {REPORT_FILE: page}, []

@@ -25,10 +25,9 @@ if TYPE_CHECKING:
 @command(
     "recover",
     "repair recordings that were cut off, and their results",
-    "Writes a whole bag beside the torn one, which is kept; that of evidence only where more than "
-    "its end is damaged. The result of a run folder is made again if a power cut left it out of "
-    "date. A damaged one becomes what it was, else the next version. Where the recording lacks "
-    "messages of it, nothing is made again.",
+    "Writes a whole bag beside the torn one, which is kept. The result of a run folder is made "
+    "again if a power cut left it out of date. A damaged one becomes what it was, else the next "
+    "version. Where the recording lacks messages of it, nothing is made again.",
     options=(options.PATHS,),
     examples=("madrob recover my_run", "madrob recover ~/madrob_runs"),
 )
@@ -98,20 +97,9 @@ def _line(path: Path, recovered: Recovered) -> str:
         )
     elif recovered.metadata is not None:
         state = f"whole, {count}; metadata.yaml was written anew; {_scoring(path)}"
-    elif recovered.changed:
-        state = f"whole, {count}"
     else:
         state = f"whole, {count}; nothing was written"
-    return "; ".join([f"{path}: {state}", *_of_evidence(recovered)])
-
-
-def _of_evidence(recovered: Recovered) -> Iterator[str]:
-    for file in recovered.evidence:
-        if file.cut:
-            state = f"{file.messages} messages kept, {_cut(file)}{_old_one(file)}"
-            yield f"evidence {file.file.name}: {state}"
-    for words in recovered.hopeless:
-        yield f"evidence stays as it is: {words}"
+    return f"{path}: {state}"
 
 
 def _old_one(recovered: Recovered) -> str:

@@ -1,13 +1,11 @@
-"""Completes results, reports and evidence of a results folder after a power cut."""
+"""Completes results and reports of a results folder after a power cut."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from madrob_console.archive.evidence import repair_evidence, settle_account
 from madrob_console.archive.folders import JOURNAL_FILE, REPORT_FILE, run_folder_names
 from madrob_console.archive.history import History
 from madrob_console.archive.unfinished_runs import is_held
@@ -24,14 +22,12 @@ if TYPE_CHECKING:
 def repair_run(folder: Path, *, restore: bool = False) -> bool:
     """Remake result and report of a run if they contradict its journal; returns whether it wrote.
 
-    If its evidence was still being written, the content of the evidence is determined first.
     `restore`: see `repair`.
     """
     # they load numpy and SciPy, which most looks at a results folder do without
     from madrob_console.archive.repair import repair
     from madrob_console.archive.scored import score_opened
 
-    settle_account(folder, time.time())
     scored = repair(folder, restore=restore)
     if scored is None and report_is_old(folder):
         scored = score_opened(folder)
@@ -49,11 +45,11 @@ def renew_report(folder: Path, around: RelatedRuns) -> None:
 
 
 def write_report(folder: Path, scored: Scored, around: RelatedRuns) -> None:
-    from madrob_console.archive.run_pictures import renewed_pictures
+    from madrob_console.archive.pictures import pictures_of
     from madrob_console.common.version import software_version
     from madrob_console.pages.report import report_html
 
-    pictures = renewed_pictures(folder, scored)
+    pictures = pictures_of(folder, scored)
     page = report_html(scored, software_version(), around.place_of(folder, scored), pictures)
     try:
         with OpenFolder(folder) as opened:
@@ -70,15 +66,8 @@ def repair_all(root: Path) -> Iterator[str]:
         if is_held(folder / JOURNAL_FILE):
             continue  # an engine works on it
         try:
-            repair_evidence(folder)
-        except MadrobError as error:
-            yield str(error)
-        try:
-            told_anew = settle_account(folder, time.time())
-            if told_anew or folder in repairable or report_is_old(folder):
-                remade = repair_run(folder)
-                if told_anew and not remade and has_report(folder):  # it tells of the evidence
-                    renew_report(folder, RelatedRuns())
+            if folder in repairable or report_is_old(folder):
+                repair_run(folder)
         except MadrobError as error:
             yield str(error)
     yield from renew_all(root)

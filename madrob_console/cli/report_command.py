@@ -64,7 +64,7 @@ def _make(path: Path, output: Path | None, written: set[Path], around: RelatedRu
 
 def _page(path: Path, output: Path | None, around: RelatedRuns) -> tuple[Path, bytes]:
     from madrob_console.archive.folders import REPORT_FILE
-    from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
+    from madrob_console.archive.pictures import pictures_of
     from madrob_console.archive.scored import score_opened
     from madrob_console.common.version import software_version
     from madrob_console.pages.related_runs import NOWHERE
@@ -78,7 +78,7 @@ def _page(path: Path, output: Path | None, around: RelatedRuns) -> tuple[Path, b
     scored = score_opened(path)
     target = _target(path, output, REPORT_FILE)
     place = around.place_of(path, scored) if output is None else NOWHERE
-    pictures = (renewed_pictures if output is None else run_pictures)(path, scored)
+    pictures = pictures_of(path, scored)
     return target, report_html(scored, software_version(), place, pictures).encode()
 
 

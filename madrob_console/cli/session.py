@@ -17,16 +17,14 @@ from madrob_console.common.clock import Clock, SystemClock, VirtualClock
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.config import Settings
-from madrob_console.engine.core.engine_config import EngineConfig, EvidencePlan
+from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.runtime.disk import DiskThreads
-from madrob_console.engine.runtime.evidence_client import EvidenceClient
+from madrob_console.engine.runtime.evidence_process import EvidenceProcess
 from madrob_console.engine.runtime.replay import Replay
 from madrob_console.engine.runtime.reports import Reporting, WantedPages
 from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.engine.runtime.testbed_engine import Engine
-from madrob_console.messages.codec import ROBOT_TYPES, referee_topics
 from madrob_console.messages.types import MessageTypes
-from madrob_console.testbeds.announcement import INFO_TOPIC
 from madrob_console.testbeds.ros_domain import domain_id
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
@@ -55,7 +53,6 @@ def open_engine(
         testbed=settings.testbed_name(gethostname()),
         disk_needed=settings.checks.disk_space,
         usual_setup=settings.usual_setup,
-        evidence=_evidence_plan(settings),
         lossless=arguments.speed == 0,
     )
     match kind:
@@ -85,7 +82,7 @@ def open_engine(
                 types,
                 disk=DiskThreads.threads(),
                 scorer=scorer,
-                evidence_client=_evidence_client(arguments, settings, types),
+                evidence=_evidence_process(arguments, settings),
             )
         case _:
             assert_never(kind)
@@ -107,34 +104,12 @@ def reporting_of(
     return Reporting(chore_worker.COMMAND, engine.config.results, wanted)
 
 
-def _evidence_plan(settings: Settings) -> EvidencePlan | None:
-    recording = settings.recording
-    if not recording.topics:
+def _evidence_process(arguments: argparse.Namespace, settings: Settings) -> EvidenceProcess | None:
+    topics = settings.evidence.topics
+    if not topics:
         return None
-    return EvidencePlan(recording.budget_bytes, 60 * recording.least_room)
-
-
-def _evidence_client(
-    arguments: argparse.Namespace, settings: Settings, types: MessageTypes
-) -> EvidenceClient | None:
-    if not settings.recording.topics:
-        return None
-    from madrob_console.engine.runtime.evidence_order import EvidenceOrder
-    from madrob_console.engine.runtime.evidence_process import EvidenceProcess
-
-    order = EvidenceOrder(
-        domain_id(option_values.ros_domain(arguments, settings), os.environ),
-        settings.recording.choice,
-        own_topics(settings, types),
-        tuple(arguments.ros_args),
-    )
-    return EvidenceProcess(order)
-
-
-def own_topics(settings: Settings, types: MessageTypes) -> tuple[str, ...]:
-    own = {mapping.topic for mapping in settings.mappings()}
-    own |= {topic.name for topic in referee_topics(types)}
-    return (*sorted(own), INFO_TOPIC, *ROBOT_TYPES)
+    domain = domain_id(option_values.ros_domain(arguments, settings), os.environ)
+    return EvidenceProcess(domain, topics, settings.checks.disk_space)
 
 
 def simulated_testbed(arguments: argparse.Namespace, settings: Settings) -> SimulatedTestbed:

@@ -24,9 +24,9 @@ from madrob_console.config.tables import (
     ConsoleSettings,
     DoubtSettings,
     EngineSettings,
+    EvidenceSettings,
     FreshnessSettings,
     PlanSettings,
-    RecordingSettings,
     Results,
     RunDefaults,
     Simulated,
@@ -114,7 +114,7 @@ class Settings(SettingsTable, frozen=True):
     freshness: FreshnessSettings = FreshnessSettings()
     checks: Checks = Checks()
     results: Results = Results()
-    recording: RecordingSettings = RecordingSettings()
+    evidence: EvidenceSettings = EvidenceSettings()
     console: ConsoleSettings = ConsoleSettings()
     engine: EngineSettings = EngineSettings()
     simulated: Simulated = Simulated()

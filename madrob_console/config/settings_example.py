@@ -43,14 +43,7 @@ _LISTS_HELP = """\
 #scale = 1.0
 #offset = 0.0
 #unit = "gf"
-#largest = 400
-
-# What is recorded of some topics of the evidence; the first one that matches a topic holds for it.
-# `*` stands for any characters between two slashes, `**` for any number of parts of a name. What
-# is beyond `most_rate` is left out on purpose.
-#[[recording.limits]]
-#topics = "/camera/*/image/compressed"
-#most_rate = 15.0"""
+#largest = 400"""
 
 
 def example_toml() -> str:

@@ -23,7 +23,6 @@ from madrob_console.referee.competition_plan import (
     Task,
 )
 from madrob_console.referee.topic_health import SensorLimits
-from madrob_console.testbeds.evidence_choice import TOPIC_PATTERN, EvidenceChoice, TopicLimit
 from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN
 from scoring.protocol import LIMITS, DoubtLimits, LockDetection, Side, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
@@ -37,14 +36,6 @@ if TYPE_CHECKING:
 
 _T = Thresholds()
 _L = SensorLimits()
-_E = EvidenceChoice()
-_Topics = Annotated[
-    str,
-    written_as(
-        TOPIC_PATTERN,
-        "pattern of topics: it begins with /, and has letters, digits, _ and * between slashes",
-    ),
-]
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 _TopicName = Annotated[
     str,
@@ -337,50 +328,16 @@ class Results(SettingsTable, frozen=True):
         return Path(self.folder).expanduser()
 
 
-class EvidenceLimitSetting(SettingsTable, frozen=True):
-    """One [[recording.limits]]: what is recorded of some evidence topics."""
-
-    topics: _Topics
-    most_rate: (
-        Annotated[float, within(0.01, 10000, "messages a second of each topic; more are left out")]
-        | None
-    ) = None
-
-
-class RecordingSettings(SettingsTable, frozen=True):
-    """[recording]: the evidence, which is recorded beside the testbed's own topics."""
+class EvidenceSettings(SettingsTable, frozen=True):
+    """[evidence]: what is recorded beside the testbed's own topics; nothing is scored from it."""
 
     topics: Annotated[
-        tuple[_Topics, ...],
+        tuple[_TopicName, ...],
         Meta(
             max_length=100,
-            description='topics to record as evidence: ["/camera/*/image/compressed", "/robot/**"]',
+            description='cameras and others: ["/camera/image/compressed", "/tf"]',
         ),
     ] = ()
-    excluded: Annotated[
-        tuple[_Topics, ...],
-        Meta(max_length=100, description="those of them that are left out"),
-    ] = ()
-    budget: Annotated[
-        float, within(0.001, 1e6, "GB of evidence that the results folder may hold, of all runs")
-    ] = 100.0
-    least_room: Annotated[
-        float, within(0, 1e5, "minutes of evidence that must fit before a start, at today's rate")
-    ] = 30.0
-    largest: Annotated[
-        float, within(0.001, 90, "MB of a message; larger ones are left out and counted")
-    ] = _E.largest / 1e6
-    limits: Annotated[tuple[EvidenceLimitSetting, ...], Meta(max_length=100)] = ()
-
-    @property
-    def choice(self) -> EvidenceChoice:
-        limits = (TopicLimit(each.topics, each.most_rate) for each in self.limits)
-        largest = round(self.largest * 1e6)
-        return EvidenceChoice(self.topics, self.excluded, tuple(limits), largest)
-
-    @property
-    def budget_bytes(self) -> int:
-        return round(self.budget * 1e9)
 
 
 class EngineSettings(SettingsTable, frozen=True):

@@ -15,7 +15,7 @@ from madrob_console.engine.requests import Role, TakeOver
 from madrob_console.referee.acts import Abort
 from madrob_console.referee.checks import Check
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
-from madrob_console.referee.evidence_state import EvidenceState
+from madrob_console.referee.evidence import Evidence
 from madrob_console.referee.flags import NO_INDICATORS, Flag, flags
 from madrob_console.referee.journal import Origin
 from madrob_console.referee.run import Run
@@ -325,7 +325,7 @@ class Snapshot:
     result: Result | None = None
     result_source: SourceKind | None = None
     simulated: str | None = None
-    evidence: EvidenceState | None = None
+    evidence: Evidence | None = None
     rescoring: bool = False
     unfinished: tuple[Unfinished, ...] = ()
     opened: bool = False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import posixpath
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -22,13 +21,6 @@ from madrob_console.archive.table_rows import SampledRun, TableWriter
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
 from madrob_console.common.plain_files import stamp_of
-from madrob_console.export.packed_bag import (
-    WHOLE_BAGS,
-    BagParts,
-    PackedBag,
-    evidence_left_out,
-    size_of,
-)
 from madrob_console.export.papers import (
     COLUMNS_FILE,
     PROTESTS_FILE,
@@ -41,12 +33,35 @@ from madrob_console.export.papers import (
 from madrob_console.export.zip_file import Archive
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import RunSummary
+from recorder.bag import EVIDENCE, METADATA_FILE
 
 EXPORTS_FOLDER = "exports"
 """Default folder of zips, in the results folder."""
 
 Rendering = Callable[[Path], tuple[Mapping[str, bytes], Sequence[str]]]
 """Renders a run's report: files by name, and in words why there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class BagParts:
+    """Parts of bags to pack: the scored recording, without which a bag is left out; evidence."""
+
+    recording: bool = True
+    evidence: bool = True
+
+    @property
+    def left_out(self) -> list[str]:
+        """What is left out on demand, in words."""
+        if not self.recording:
+            return ["the recordings were left out on demand, with their evidence"]
+        return [] if self.evidence else ["the evidence was left out on demand"]
+
+    def is_without(self, path: str) -> bool:
+        """Whether a file of a run's folder is left out."""
+        folder, slash, _ = path.partition("/")
+        if slash and EVIDENCE in folder:
+            return not (self.recording and self.evidence)
+        return not self.recording and (".mcap" in path or METADATA_FILE in path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +106,8 @@ def pack(
     report: Rendering,
     *,
     target: Path | None = None,
-    parts: BagParts = WHOLE_BAGS,
+    parts: BagParts = BagParts(),
     tell: Callable[[int, int], None] = lambda _done, _total: None,
-    tell_size: Callable[[int, int], None] = lambda _size, _evidence: None,
 ) -> Export:
     """Packs runs; what cannot be read is named, and the rest is there.
 
@@ -103,27 +117,23 @@ def pack(
         target: the zip; None = that of `what`.
         parts: of the recordings.
         tell: told how many runs are packed, and of how many.
-        tell_size: told before packing: bytes in all, and bytes of evidence among them.
 
     Raises:
         MadrobError: the zip cannot be written.
     """
     runs, path = what.runs, target or what.target
-    bags = {run: PackedBag.of(run, parts) for run in runs}
-    sizes = [size_of(run, bag) for run, bag in bags.items()]
-    tell_size(sum(size for size, _ in sizes), sum(evidence for _, evidence in sizes))
     with folder_for(path), whole_file(path) as file, closing(Archive(file)) as archive:
         archive.problems += what.problems
         if protested := [run for run in runs if what.dossier or runs[run].protested]:
             text = protests_text([(_state(run, archive.problems), run.name) for run in protested])
             archive.add_file(PROTESTS_FILE, text, what.time)
-        for number, (run, bag) in enumerate(bags.items()):
+        for number, run in enumerate(runs):
             tell(number, len(runs))
-            _add_run(archive, run, bag, what, report)
+            _add_run(archive, run, parts, what, report)
         _add_tables(archive, [*_stored(runs)], what)
         archive.add_file(INDEX_PAGE, index_page(what.title, runs, archive.sums), what.time)
         archive.add_file(SCHEMA_FILE, schema_text(result_schema()), what.time)
-        left_out = [*evidence_left_out(bags, parts), *archive.problems]
+        left_out = [*parts.left_out, *archive.problems]
         text = readme(what.title, runs, archive.sums, what.other_names, left_out)
         archive.add_file(README_FILE, text, what.time)
         archive.finish(what.time)
@@ -134,19 +144,18 @@ def pack(
 
 
 def _add_run(
-    archive: Archive, run: Path, bag: PackedBag, what: Contents, report: Rendering
+    archive: Archive, run: Path, parts: BagParts, what: Contents, report: Rendering
 ) -> None:
     before = stamp_of(str(run / RESULT_FILE))
     wanted = what.dossier or stamp_of(str(run / REPORT_FILE)) is not None
     rendered, problems = report(run) if wanted else ({}, ())
-    added = {**rendered, **bag.written}
-    archive.problems += [f"{run.name}/{words}" for words in (*problems, *bag.problems)]
+    archive.problems += [f"{run.name}/{words}" for words in problems]
 
     def without(path: str) -> bool:  # anybody may have written the report in the folder
-        return path in added or path == REPORT_FILE or bag.without(posixpath.basename(path))
+        return path in rendered or path == REPORT_FILE or parts.is_without(path)
 
     archive.add_folder(run, run.name, without)
-    for name, data in added.items():
+    for name, data in rendered.items():
         archive.add_file(f"{run.name}/{name}", data, what.time)
     if what.dossier:
         _add_samples(archive, run, what.time)

@@ -12,7 +12,6 @@ from madrob_console.archive.folders import (
     FRAMES_FOLDER,
     INDEX_PAGE,
     JOURNAL_FILE,
-    PICTURES_FOLDER,
     REPORT_FILE,
     RESULT_FILE,
 )
@@ -24,7 +23,7 @@ from madrob_console.export.zip_file import SUMS_FILE
 from madrob_console.referee.flags import FlagKind, serious
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_summary import VOID, RunSummary
-from recorder.bag import METADATA_FILE
+from recorder.bag import EVIDENCE, METADATA_FILE
 from scoring.indicator_table import IndicatorName, unit_text
 from scoring.result import DOUBTED
 
@@ -47,12 +46,11 @@ _OF_RUNS: Mapping[str, str] = {
     f"/{RESULT_FILE}": f"the result that counts; {SCHEMA_FILE} describes every key",
     "/result_issue_": "an earlier version of the result",
     f"/{JOURNAL_FILE}": "all that was done and said, a line each",
-    f"/{PICTURES_FOLDER}/": "what the cameras saw at each event, larger than in the report",
     f"/{FRAMES_FOLDER}/": "what the cameras saw at an instant that somebody asked for",
     "tables/": f"what the sensors said, as tables; see {COLUMNS_FILE}",
-    "_evidence_": "evidence: cameras and other topics; nothing is scored from it",
+    EVIDENCE: "evidence: a bag of cameras and other topics; nothing is scored from it",
     ".mcap": "the recording (MCAP): for PlotJuggler, Foxglove, or ROS 2: ros2 bag play {folder}",
-    METADATA_FILE: "makes a rosbag2 bag of the recording and its evidence",
+    METADATA_FILE: "makes a rosbag2 bag of the recording",
     ".csv": f"EUROBENCH's data file, in s since 1970; see {COLUMNS_FILE}",
     ".yaml": "EUROBENCH's file of an indicator (none in an aborted run), a condition or the run",
     "": "of the run's folder",

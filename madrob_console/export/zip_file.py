@@ -14,7 +14,7 @@ from typing import IO, BinaryIO, NamedTuple
 
 from madrob_console.common.names import terminal_safe
 from madrob_console.common.plain_files import open_plain, refusal
-from recorder.bag import is_evidence
+from recorder.bag import EVIDENCE
 
 LONGEST_PATH = 400
 """Longest path in an archive, characters: folders in folders have no end."""
@@ -72,7 +72,7 @@ class Archive:
         stamp = time.localtime(min(max(modified, 0.0), _LATEST))[:6]
         info = zipfile.ZipInfo(name, max(stamp, _FIRST))
         info.external_attr = _MODE
-        stored = is_evidence(name)  # pictures are compressed already, and many
+        stored = EVIDENCE in name  # pictures are compressed already, and many
         info.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
         info.file_size = size  # a large one gets the fields of zip64
         with self._zip.open(info, "w") as member:

@@ -22,8 +22,6 @@ from markupsafe import Markup
 from madrob_console.archive.folders import (
     INDEX_PAGE,
     JOURNAL_FILE,
-    PICTURES_FOLDER,
-    PICTURES_INDEX,
     REPORT_FILE,
     RESULT_FILE,
 )
@@ -294,7 +292,10 @@ def site_files(content: SiteContent) -> Iterator[SiteFile]:
 def _of_run(content: SiteContent, run: RunSummary, around: RelatedRuns) -> Iterator[SiteFile]:
     folder = content.source(run)
     if (page := content.places.get(run.folder)) is not None:
-        sources = (RESULT_FILE, JOURNAL_FILE, f"{PICTURES_FOLDER}/{PICTURES_INDEX}")
+        sources = (
+            RESULT_FILE,
+            JOURNAL_FILE,
+        )
         stamps = (stamp_of(f"{folder}/{name}") for name in sources)
         team = content.of_team[run.subject]
         pages = (_page_of(content, run, other) for other in team_runs(run, team))
@@ -319,7 +320,7 @@ def _ways(content: SiteContent, run: RunSummary) -> Markup:
 def _report(content: SiteContent, run: RunSummary, around: RelatedRuns) -> bytes:
     """Rendered from journal and recording: anybody may have written the report in the folder."""
     # they load numpy, SciPy and matplotlib, which a site without new reports does without
-    from madrob_console.archive.run_pictures import stored_pictures
+    from madrob_console.archive.pictures import pictures_of
     from madrob_console.archive.scored import score_once
     from madrob_console.pages.report import report_html
 
@@ -328,7 +329,7 @@ def _report(content: SiteContent, run: RunSummary, around: RelatedRuns) -> bytes
         scored = score_once(folder)
         place = around.among(content.root, run.folder, content.runs, scored, page)
         place = replace(place, ways=_ways(content, run))
-        return report_html(scored, content.software, place, stored_pictures(folder)).encode()
+        return report_html(scored, content.software, place, pictures_of(folder, scored)).encode()
     except Exception as error:  # whatever it is, it is this run's and no other's
         raise SourceUnreadError(f"{run.folder}: no report on the site ({error})") from error
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from madrob_console.archive.run_pictures import NO_PICTURES, RunPictures
+from madrob_console.archive.pictures import Picture
 from madrob_console.archive.scored import Scored
 from madrob_console.pages.camera_pictures import Anchors, anchors, pictures
 from madrob_console.pages.notes import (
@@ -62,7 +62,7 @@ def report_html(
     scored: Scored,
     software: str = "",
     place: PagePlace = NOWHERE,
-    run_pictures: RunPictures = NO_PICTURES,
+    shown: Sequence[Picture] = (),
 ) -> str:
     """The report of a run; the same run in the same place gives the same text.
 
@@ -86,9 +86,9 @@ def report_html(
         team_words=TEAM_WORDS,
         quality_columns=_QUALITY,
         quality_remarks=other_remarks(run, result.quality),
-        pictures=pictures(run_pictures, beside=bool(place.files)),
+        pictures=pictures(shown),
         figures=figures(scored),
-        events=_events(result, anchors(run_pictures)),
+        events=_events(result, anchors(shown)),
         issued=_issued(run.reissues, place.earlier),
         issues_left_out=max(0, len(run.reissues) - _MOST_ISSUES),
         bests=_bests(scored, place),

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
 
-from madrob_console.common.formatting import counted, format_duration, format_size, listed
+from madrob_console.common.formatting import format_size
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
-from madrob_console.referee.evidence_state import EvidenceState
 from madrob_console.referee.records import CheckName, Waiver
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.run_setup import RunSetup
@@ -76,8 +74,6 @@ class Readings:
         recorder_problem: why no run can be recorded; empty = one can; None = the disk has not
             answered.
         unread_range: why a passage sensor has no reading; None = it is not known.
-        evidence: None = there is no ROS: the testbed is simulated in the engine's own process.
-        least_evidence: how long evidence must fit, s; None = no evidence is wanted.
         least_skew: the smallest of the last second on the topic where that is largest.
         usual: the set-up of the run with the values of the settings; None = no run is set up.
     """
@@ -98,8 +94,6 @@ class Readings:
     recorder_problem: str | None
     other_referee: str | None
     unread_range: str | None = None
-    evidence: EvidenceState | None = None
-    least_evidence: float | None = None
     least_skew: float | None = None
     teams: TeamList = NO_TEAMS
     plan: Plan = NO_PLAN
@@ -109,8 +103,7 @@ class Readings:
 def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
     """All checks in order, with the waivers of `run` applied; after a run those of the next.
 
-    Screens are small: team and handle zero are listed only where they fail, evidence only where it
-    is wanted.
+    Screens are small: team and handle zero are listed only where they fail.
     """
     if run.phase in (Phase.STOPPED, Phase.FINAL):
         run = Run()  # what was seen and let pass was for that run alone
@@ -126,7 +119,6 @@ def preflight(readings: Readings, run: Run) -> tuple[Check, ...]:
         _clock(readings),
         _disk(readings),
         _recorder(readings),
-        *_evidence(readings, run),
         _referee(readings),
         _pose(run),
     )
@@ -291,46 +283,6 @@ def _recorder(r: Readings) -> Check:
         return Check(CheckName.RECORDER, CheckState.NO_DATA, silent, remedy=_LOOK)
     problem = r.recorder_problem
     return _verdict(CheckName.RECORDER, not problem, problem or "ready to open a file", "")
-
-
-_MAKE_ROOM = "make room for evidence (`madrob guide testbed`)"
-
-
-def _evidence(r: Readings, run: Run) -> Iterator[Check]:
-    if r.least_evidence is not None:
-        timeout = 0.0 if run.setup is None else run.setup.timeout
-        yield _evidence_check(r.evidence, r.least_evidence, timeout)
-
-
-def _evidence_check(evidence: EvidenceState | None, least: float, timeout: float) -> Check:
-    """`least` s must fit before a start, and should fit until the `timeout` of the run, s."""
-    check = partial(Check, CheckName.EVIDENCE)
-    if evidence is None:
-        return check(CheckState.OK, "none: a testbed simulated in this process has no ROS topics")
-    if evidence.problem is not None:
-        return check(CheckState.FAILED, f"evidence: {evidence.problem}")
-    if not evidence.ready:
-        pending = "the evidence's topics are not all discovered yet"
-        return check(CheckState.NO_DATA, pending, remedy="wait")
-    if evidence.room is None:
-        return check(CheckState.NO_DATA, "room for evidence unknown", remedy=_LOOK)
-    silent = [topic.topic for topic in evidence.topics if topic.silent]
-    notes = [*evidence.missing, *([f"{listed(silent)}: nothing comes now"] if silent else [])]
-    state = CheckState.WARNING if notes or not evidence.topics else CheckState.OK
-    topics = "; ".join((*notes, counted(len(evidence.topics) - len(silent), "topic")))
-    room, lasts = f"room for {format_size(evidence.room)}", evidence.lasts
-    if lasts is None:
-        if least and not evidence.room:
-            return check(CheckState.FAILED, f"{topics}, {room}", remedy=_MAKE_ROOM)
-        return check(state, f"{topics}, {room}")
-    room = f"room for {format_duration(lasts)} at the rate of now"
-    if lasts < least:
-        needed = f"{room}, {format_duration(least)} needed"
-        return check(CheckState.FAILED, needed, remedy=_MAKE_ROOM)
-    if lasts < timeout:
-        takes = f"a run may take {format_duration(timeout)}"
-        return check(CheckState.WARNING, f"{topics}, {room}: {takes}")
-    return check(state, f"{topics}, {room}")
 
 
 def _referee(r: Readings) -> Check:

@@ -30,13 +30,12 @@ from madrob_console.referee.acts import (
     WithdrawProtest,
     act_named,
 )
-from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.evidence import Evidence
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.records import (
     FalseStart,
     FaultKind,
     JournalMark,
-    RemovedEvidence,
     TestbedFault,
 )
 from madrob_console.referee.run import (
@@ -78,7 +77,6 @@ class Change(StrEnum):
     RESULT_WRITTEN = "result written"
     REISSUED = "re-issued after a rule change"
     RESTORED = "re-issued after damage"
-    EVIDENCE_REMOVED = "evidence removed"
 
 
 def act_of(entry: Entry) -> Act | None:
@@ -142,7 +140,7 @@ def _changed(run: Run, entry: Entry) -> Run:
             return stop(run, Outcome(details["outcome"]), _time(details["time"]), entry.reason)
         case Change.FALSE_START | Change.ROBOT_STARTS | Change.ROBOT_SAYS | Change.FAULT:
             return _with_observed(run, entry, _time(details["time"]))
-        case Change.UNRECORDED | Change.EVIDENCE_RECORDED | Change.EVIDENCE_REMOVED:
+        case Change.UNRECORDED | Change.EVIDENCE_RECORDED:
             return _with_recorded(run, entry)
         case Change.REISSUED | Change.RESTORED if run.phase in (Phase.STOPPED, Phase.FINAL):
             rules = msgspec.convert(details.get("ruleset"), StoredRuleset | None)
@@ -170,17 +168,10 @@ def _with_recorded(run: Run, entry: Entry) -> Run:
     details = entry.details
     if entry.what == Change.UNRECORDED:
         return replace(run, unrecorded=max(0, int(details["messages"])))
-    if entry.what == Change.EVIDENCE_RECORDED:
-        return replace(run, evidence=msgspec.convert(details, EvidenceAccount))
-    names, size = list(details["files"]), max(0, int(details["bytes"]))
-    gone = RemovedEvidence(_time(entry.time), len(names), size)
-    return replace(run, removed_evidence=(*run.removed_evidence, gone))
+    return replace(run, evidence=msgspec.convert(details, Evidence))
 
 
-_BESIDE = {
-    *(Change.EVENT, Change.EVIDENCE, Change.EVIDENCE_REMOVED),
-    *(Change.RESULT_WRITTEN, Change.WITHDRAWN),
-}
+_BESIDE = {Change.EVENT, Change.EVIDENCE, Change.RESULT_WRITTEN, Change.WITHDRAWN}
 """Lines that change no result; their place among the others may differ."""
 
 _OPENING = (Reissue, Void, Correct, TakeBack, FileProtest, DecideProtest, WithdrawProtest)

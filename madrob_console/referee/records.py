@@ -10,7 +10,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from madrob_console.common.formatting import counted, listed
+from madrob_console.common.formatting import listed
 from madrob_console.referee.run_setup import RunSetup, StoredRuleset
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import EventName, Signal
@@ -33,7 +33,6 @@ class CheckName(StrEnum):
     CLOCK = "clock skew"
     DISK = "disk space"
     RECORDER = "recorder"
-    EVIDENCE = "evidence"
     REFEREE = "another referee"
     POSE = "start pose"
 
@@ -148,7 +147,6 @@ class FaultKind(StrEnum):
     SKEW = "stamps off the time of reception"
     BEHIND = "the engine is behind"
     FLICKERS = "a signal that flickers"
-    EVIDENCE = "evidence that is lost"
     ANNOUNCEMENT = "a testbed that may be simulated"
 
     @classmethod
@@ -279,25 +277,6 @@ class Reissuing:
     reason: str
     referee: str
     ruleset: StoredRuleset | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RemovedEvidence:
-    """Evidence of the run that was removed to make room; no score hangs on it.
-
-    Attributes:
-        time: s since the epoch.
-        files: how many.
-        bytes: their size.
-    """
-
-    time: float
-    files: int
-    bytes: int
-
-    @property
-    def words(self) -> str:
-        return f"{counted(self.files, 'file')}, {self.bytes / 1e6:.1f} MB"
 
 
 @dataclass(frozen=True, slots=True)

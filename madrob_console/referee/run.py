@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.evidence import Evidence
 from madrob_console.referee.protests import Protest
 from madrob_console.referee.records import (
     AcceptedDoubts,
@@ -18,7 +17,6 @@ from madrob_console.referee.records import (
     JournalMark,
     Note,
     Reissuing,
-    RemovedEvidence,
     TakenBack,
     TestbedFault,
     Voiding,
@@ -71,7 +69,6 @@ class Run:
         signed: when the result was signed first since its last change, even if it was reopened.
         changed: when a ruling, a correction, a void or a re-issue changed it last.
         signed_notes: the number of notes at the signing; later ones stand beside the result.
-        signed_evidence: the `evidence` as of the signing; the files may say more since.
         ruleset: of the re-issue; None = that of `setup`.
     """
 
@@ -102,15 +99,13 @@ class Run:
     decided: tuple[DecisionKind, ...] = ()
     faults: tuple[TestbedFault, ...] = ()
     unrecorded: int = 0
-    evidence: EvidenceAccount | None = None
-    removed_evidence: tuple[RemovedEvidence, ...] = ()
+    evidence: Evidence | None = None
     issue: int = 0
     reissues: tuple[Reissuing, ...] = ()
     closure: Closure | None = None
     signed: float | None = None
     changed: float | None = None
     signed_notes: int = 0
-    signed_evidence: EvidenceAccount | None = None
     ruleset: str | None = None
     journal: JournalMark | None = None
 
@@ -194,11 +189,6 @@ class Run:
             return Ending(Outcome.INTERRUPTED, "no stop is recorded: the run was cut off", None)
         interrupted = self.outcome is Outcome.INTERRUPTED
         return Ending(self.outcome, self.outcome_reason, None if interrupted else self.stop)
-
-    def evidence_removed(self, date: Callable[[float], str]) -> str:
-        if not self.removed_evidence:
-            return ""
-        return f"removed on {date(self.removed_evidence[-1].time)}"
 
     @property
     def answered_at(self) -> float | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 from functools import cache
 from pathlib import Path
@@ -27,8 +26,8 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.records import CheckName, IncidentKind, TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
-from recorder.evidence import put_listing
 from recorder.reader import Bag
+from recorder.recovery import recover
 from scoring.protocol import Step
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
 from tests.recorder.samples import by_library
@@ -144,9 +143,7 @@ def note_again(run: Path) -> None:
 
 def list_files(run: Path) -> None:
     """Write what its bag holds into the metadata, as the recorder does."""
-    fd = os.open(run, os.O_DIRECTORY)
-    put_listing(fd)
-    os.close(fd)
+    recover(run)
 
 
 def publish(run: Path, folder: Path) -> None:

@@ -26,16 +26,16 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from recorder.bag import (
+    EVIDENCE,
     Batch,
     Durability,
     Qos,
     RawMessage,
     Reliability,
     Topic,
-    evidence_file_name,
     qos_text,
 )
-from recorder.writer import BagFile
+from recorder.writer import BagFile, BagWriter
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
@@ -233,12 +233,13 @@ def little_memory(most: int = 10_000_000) -> Iterator[None]:
     assert peak < most
 
 
-def add_evidence(folder: Path, messages: Sequence[RawMessage], number: int = 0) -> Path:
-    """Put a file of evidence into a bag folder, as the recorder names it; types as ROS has them."""
-    path = folder / evidence_file_name(folder.name, number)
+def add_evidence(folder: Path, messages: Sequence[RawMessage], number: int = 1) -> Path:
+    """Put a bag of evidence into a run's folder, as the recorder names it; returns its file."""
+    bag = folder / f"{folder.name}{EVIDENCE}{'' if number == 1 else f'_{number}'}"
     types = {m.topic: m.type for m in messages}
-    written(path, [Batch([topic(*named) for named in types.items()], list(messages))])
-    return path
+    with BagWriter(bag, [topic(*named) for named in types.items()], {}) as writer:
+        writer.put_all(messages)
+    return bag / f"{bag.name}_0.mcap"
 
 
 def written(path: Path, batches: Sequence[Batch]) -> None:
@@ -249,13 +250,6 @@ def written(path: Path, batches: Sequence[Batch]) -> None:
         file.end_chunk()
     file.finish()
     file.close()
-
-
-@contextmanager
-def opened(folder: Path) -> Iterator[int]:
-    fd = os.open(folder, os.O_DIRECTORY)
-    yield fd
-    os.close(fd)
 
 
 def _made(kind: str, **fields: Any) -> Msg:  # noqa: ANN401 - whatever a type holds

@@ -70,7 +70,7 @@ def test_messages_reach_the_disk_while_recording(tmp_path: Path) -> None:
     stats = writer.close()
     assert (stats.received, stats.recorded, stats.lost) == ({"/talk": 3}, {"/talk": 3}, {})
     assert (stats.state, stats.error) == (RecorderState.FINISHED, None)
-    assert (stats.end_ns, stats.file_bytes) == (messages[2].receive_ns, file.stat().st_size)
+    assert stats.file_bytes == file.stat().st_size
 
 
 def test_a_kill_costs_0_2_s_at_most(tmp_path: Path) -> None:

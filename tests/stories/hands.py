@@ -762,7 +762,8 @@ def expect_lab(hall: Hall) -> None:
 
 def expect_cameras(hall: Hall) -> None:
     """Record all cameras beside the runs."""
-    hall.set(recording={"topics": ["/camera/**"]})
+    cameras = [f"/camera/{name}/image/compressed" for name in ("front", "evil")]
+    hall.set(evidence={"topics": cameras})
 
 
 def kill_camera_recorder(hall: Hall) -> None:

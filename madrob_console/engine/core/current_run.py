@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from madrob_console.archive.evidence import account_entry
+import msgspec
+
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.core.effects import (
     CloseRecording,
-    CountEvidence,
     Effect,
     KeepJournal,
     LeaveRun,
@@ -22,9 +22,7 @@ from madrob_console.engine.core.effects import (
     WriteResult,
 )
 from madrob_console.engine.core.event_log import EventLog
-from madrob_console.engine.core.evidence_notes import EvidenceNotes
 from madrob_console.engine.core.inputs import (
-    EvidenceCounted,
     OpenEarlierRun,
     RecordingClosed,
     ResultWritten,
@@ -38,8 +36,7 @@ from madrob_console.engine.core.run_lines import RunLines
 from madrob_console.engine.core.run_tracker import Happening, RunTracker
 from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ScoringRequest
 from madrob_console.engine.public_state import PublishedState
-from madrob_console.referee.evidence_account import EvidenceAccount
-from madrob_console.referee.evidence_state import EvidenceState
+from madrob_console.referee.evidence import Evidence
 from madrob_console.referee.flags import unrecorded_words
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
@@ -47,9 +44,6 @@ from madrob_console.referee.records import FaultKind, TestbedFault
 from madrob_console.referee.run import Phase, Run, note_fault, stop
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
-
-SETTLING_PERIOD = 1.0
-"""How often evidence that is still being written is checked, s."""
 
 DECIDED_ANEW = (Change.RUN_STARTS, Change.EVENT, Change.TIMEOUT_ELAPSED, Change.RUN_STOPS)
 """A replay decides these anew from sensors and clock. The rest is taken from the journal: the
@@ -82,6 +76,7 @@ class _State:
         over: whether its post-roll is over, too: nothing more is recorded.
         recording, closing: whether its recording is open, or being closed.
         missing: what its closed recording lacks, in words.
+        evidence_problem: what was said last of the evidence.
     """
 
     record: RunRecord | None = None
@@ -95,7 +90,7 @@ class _State:
     lines: RunLines = field(default_factory=RunLines)
     result: ResultState = field(default_factory=ResultState)
     faults: RunFaults = field(default_factory=RunFaults)
-    evidence: EvidenceNotes = field(default_factory=EvidenceNotes)
+    evidence_problem: str = ""
 
 
 class CurrentRun:
@@ -125,7 +120,6 @@ class CurrentRun:
         self._silence = silence
         self._effects = effects
         self._recorded = recorded
-        self._settling = -math.inf
         self._drift: tuple[RunRecord, float] | None = None
         if recorded is not None:
             self.run = recorded.begin()
@@ -295,15 +289,12 @@ class CurrentRun:
             details = {"time": fault.time, "kind": fault.kind}
             self.note(Happening(Origin.SYSTEM, Change.FAULT, fault.text, details), now)
 
-    def note_evidence(self, state: EvidenceState, now: Now) -> None:
-        for words in self.state.evidence.due(state, self._start, now.time):
+    def note_evidence(self, evidence: Evidence, now: Now) -> None:
+        """Note each new problem of what is recorded beside the run."""
+        words = evidence.problem
+        if words and words != self.state.evidence_problem:
             self.note(Happening(Origin.SYSTEM, Change.EVIDENCE, words, {"time": now.time}), now)
-
-    @property
-    def _start(self) -> float:
-        """In s since the epoch."""
-        assert self.run.start is not None
-        return self.run.start
+        self.state.evidence_problem = words
 
     # ------------------------------------------------------------------ its end
 
@@ -316,7 +307,10 @@ class CurrentRun:
     def note_recording(self, closed: RecordingClosed, now: Now) -> None:
         self.state.missing, self.state.closing = closed.missing, False
         if (evidence := now.workers.evidence) is not None:
-            self._note_account(evidence.account_since(self._start), now)
+            self.run = replace(self.run, evidence=evidence)
+            details = msgspec.to_builtins(evidence)
+            what = Change.EVIDENCE_RECORDED.value
+            self.write(Entry(now.time, Origin.SYSTEM, what, reason=evidence.words, details=details))
         if closed.unrecorded:
             words = unrecorded_words(closed.unrecorded)
             details = {"messages": closed.unrecorded}
@@ -324,33 +318,6 @@ class CurrentRun:
             self.note(Happening(Origin.SYSTEM, Change.UNRECORDED, words, details), now)
         self.run = replace(self.run, issue=1)
         self.score(now)
-
-    def _note_account(self, account: EvidenceAccount, now: Now) -> None:
-        """Note the evidence that was recorded; its process completes the file."""
-        self.run = replace(self.run, evidence=account)
-        self.write(account_entry(account, now.time))
-
-    def count_evidence(self, now: Now, *, last: bool = False) -> None:
-        """Once its evidence is in the files, note how much is there; nothing waits for that."""
-        before = self.run.evidence
-        idle = (
-            self.state.result.is_settled
-            and self.state.folder is not None
-            and self._recorded is None
-        )
-        rests = not last and 0 <= now.time - self._settling < SETTLING_PERIOD
-        if before is None or before.unwritten == 0 or not idle or rests:
-            return
-        self._settling = now.time
-        self._effects.append(CountEvidence(before, self.generation, last))
-
-    def note_evidence_account(self, counted: EvidenceCounted, now: Now) -> None:
-        same = counted.generation == self.generation and counted.before == self.run.evidence
-        if counted.account is None or not same or not self.state.result.is_settled:
-            return  # it is counted again
-        self._note_account(counted.account, now)
-        if self.run.closure is None:
-            self.score(now)
 
     def score(self, now: Now, *, write: bool = True) -> None:
         """Ask for its result, and have it written unless `write` says no."""

@@ -12,7 +12,6 @@ from madrob_console.archive.run_record import RunRecord
 from madrob_console.engine.core.inputs import OpenEarlierRun
 from madrob_console.engine.core.scored_run import RenderedResult, ScoringRequest
 from madrob_console.engine.public_state import PublishedState
-from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
 from scoring.protocol import Condition, StartPose
 
@@ -174,22 +173,6 @@ class MakeReports:
     folder: Path
 
 
-@dataclass(frozen=True, slots=True)
-class CountEvidence:
-    """Look whether the evidence is in its files: `EvidenceCounted` follows."""
-
-    before: EvidenceAccount
-    generation: int
-    last: bool
-
-
-@dataclass(frozen=True, slots=True)
-class HoldEvidence:
-    """Keep evidence off the disk while scoring waits for it."""
-
-    held: bool
-
-
 ToPerform = (
     WriteLine
     | WithdrawLine
@@ -209,8 +192,6 @@ ToPerform = (
     | WriteResult
     | RetryWriting
     | MakeReports
-    | CountEvidence
-    | HoldEvidence
 )
 
 Effect = Answer | ToPerform

@@ -15,14 +15,6 @@ from scoring.protocol import Thresholds
 
 
 @dataclass(frozen=True, slots=True)
-class EvidencePlan:
-    """Most bytes of evidence in the results folder; what must fit before a start, in s."""
-
-    budget: int
-    least_room: float
-
-
-@dataclass(frozen=True, slots=True)
 class EngineConfig:
     """What an engine needs to know.
 
@@ -41,7 +33,6 @@ class EngineConfig:
     competition: str = ""
     testbed: str = ""
     version: str = field(default_factory=software_version)
-    evidence: EvidencePlan | None = None
     lossless: bool = False
     usual_setup: Callable[[RunSetup], RunSetup] = lambda setup: setup
     random: Randomness = field(default_factory=lambda: Random().randbytes)

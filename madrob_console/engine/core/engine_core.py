@@ -13,7 +13,6 @@ from madrob_console.engine.core.acting import Acting
 from madrob_console.engine.core.current_run import CurrentRun, ReplayedRun
 from madrob_console.engine.core.effects import (
     Effect,
-    HoldEvidence,
     PlainValue,
     Publish,
     RetryWriting,
@@ -24,10 +23,8 @@ from madrob_console.engine.core.inputs import (
     CutOffRunsListed,
     DoAct,
     EngineEnds,
-    EvidenceCounted,
     Input,
     JournalReopened,
-    LastEvidenceCount,
     LineWithdrawn,
     LineWritten,
     NumberGivenOut,
@@ -61,9 +58,6 @@ from madrob_console.testbeds.announcement import INFO_TOPIC
 from recorder.bag import RawMessage
 from scoring.protocol import POST_ROLL
 
-DISK_WAITS = 0.6
-"""Evidence yields the disk when scoring has waited for it this long, s."""
-
 WATCH_PERIOD = 0.1
 """Between two checks of the topics in a run, s."""
 
@@ -82,7 +76,6 @@ class Core:
     ) -> None:
         self._effects: list[Effect] = []
         self._watched = self._retried = 0.0
-        self._holds_evidence = False
         self._published: dict[str, tuple[int, bool | float]] = {}
         self._unfinished: tuple[Unfinished, ...] = ()
         self.observation = Observation(config.mappings, config.thresholds, config.limits, types)
@@ -149,8 +142,6 @@ class Core:
                 current.take_result(happened)
             case ResultWritten():
                 current.note_result(happened, now)
-            case EvidenceCounted():
-                current.note_evidence_account(happened, now)
             case EngineEnds():
                 acting.withdraw("the engine ended", now)
             case CutOff(reason):
@@ -158,8 +149,6 @@ class Core:
                     current.interrupt(reason, now)
                 if current.state.recording:
                     current.finish(now)
-            case LastEvidenceCount():
-                current.count_evidence(now, last=True)
             case ReplayedLine(entry):
                 self._advance(now)
                 run = after(current.run, entry)
@@ -206,17 +195,12 @@ class Core:
                 self._effects.append(Publish(PlainValue(topic, value)))
 
     def _watch(self, now: Now) -> None:
-        # also while a bag is closed and then: evidence that was held is let go again
-        current, held = self.current_run, now.workers.recorder_silent > DISK_WAITS
-        if held != self._holds_evidence:
-            self._holds_evidence = held
-            self._effects.append(HoldEvidence(held))
+        current = self.current_run
         if not current.state.recording:
-            current.count_evidence(now)
             return
         current.note_faults(self._faults(now), now)
-        if (evidence := now.workers.evidence) is not None:
-            current.note_evidence(evidence, now)
+        if now.workers.evidence is not None:
+            current.note_evidence(now.workers.evidence, now)
 
     def _faults(self, now: Now) -> Mapping[tuple[str, FaultKind], str]:
         testbed = now.testbed

@@ -9,7 +9,6 @@ from madrob_console.archive.journal_agreement import Details
 from madrob_console.archive.unfinished_runs import Unfinished
 from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult, ScoringRequest
 from madrob_console.referee.acts import Act
-from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
 
 
@@ -123,15 +122,6 @@ class ResultWritten:
 
 
 @dataclass(frozen=True, slots=True)
-class EvidenceCounted:
-    """The account of the evidence in the files; None = they are not complete yet."""
-
-    before: EvidenceAccount
-    generation: int
-    account: EvidenceAccount | None
-
-
-@dataclass(frozen=True, slots=True)
 class EngineEnds:
     """The engine begins to end: the act that waits is withdrawn."""
 
@@ -141,11 +131,6 @@ class CutOff:
     """The run that goes on is cut off, and nothing more is recorded."""
 
     reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class LastEvidenceCount:
-    """The engine's last look at evidence that is still being written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,10 +158,8 @@ Input = (
     | CutOffRunsListed
     | RunScored
     | ResultWritten
-    | EvidenceCounted
     | EngineEnds
     | CutOff
-    | LastEvidenceCount
     | ReplayedLine
     | ReplayEnds
 )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.snapshot import RecorderView
 from madrob_console.referee.competition_plan import NO_PLAN, Plan
-from madrob_console.referee.evidence_state import EvidenceState
+from madrob_console.referee.evidence import Evidence
 from madrob_console.referee.team_list import NO_TEAMS, TeamList
 from madrob_console.testbeds.announcement import SILENT, Announcement
 from madrob_console.testbeds.source import Source, TopicStatus
@@ -73,7 +73,7 @@ class WorkerState:
         dropped: messages that are not in the recording, by topic.
         scoring: why a result is missing or late, in words; empty = all is well.
         hopeless: several tries to score failed: the next run need not wait for the result.
-        evidence: None = none is wanted, or there can be none.
+        evidence: what is recorded beside the run; None = nothing is wanted, or there can be none.
     """
 
     recorder: RecorderView = field(default_factory=lambda: RecorderView("closed"))
@@ -81,7 +81,7 @@ class WorkerState:
     dropped: Mapping[str, int] = field(default_factory=dict)
     scoring: str = ""
     hopeless: bool = False
-    evidence: EvidenceState | None = None
+    evidence: Evidence | None = None
 
 
 @dataclass(frozen=True, slots=True)

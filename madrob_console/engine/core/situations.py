@@ -63,8 +63,6 @@ class SituationFactory:
             disk_needed=config.disk_needed,
             recorder_problem=now.disk.problem,
             other_referee=testbed.other_referee,
-            evidence=now.workers.evidence,
-            least_evidence=None if config.evidence is None else config.evidence.least_room,
             teams=now.teams,
             plan=now.plan,
             usual=None if run.setup is None else config.usual_setup(run.setup),

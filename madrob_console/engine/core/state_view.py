@@ -52,6 +52,7 @@ def shown_state(  # noqa: PLR0913, PLR0917  all that there is to show
     result = scored.result if scored and not rescoring else None
     kind = scored.record.source if scored and live else testbed.kind
     announced = testbed_problem(testbed.announcement, run)
+    lacking = evidence.remarks(run.start) if evidence is not None and state.recording else ()
     problems = (  # by what they cost the run
         now.disk.journal_problem,
         state.result.problem,
@@ -67,7 +68,7 @@ def shown_state(  # noqa: PLR0913, PLR0917  all that there is to show
         panel_fault(door, run),
         *(f"{topic}: {words}" for topic, words in testbed.robot_problems.items()),
         *others,
-        *(f"evidence: {words}" for words in (evidence.faults(run.start) if evidence else ())),
+        *(f"evidence: {words}" for words in lacking),
     )
     return Snapshot(
         time=now.time,

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import socket
 
 
-VERSION = 18
+VERSION = 19
 """Version of this protocol; raised with every change that an older side would not understand."""
 
 LARGEST_REQUEST = 1_000_000

@@ -1,21 +1,20 @@
-"""Records evidence in a process of its own: its crash or its load does not affect the engine."""
+"""Has topics recorded beside a run in a process of its own, which can cost the run nothing."""
 
 from __future__ import annotations
 
-import itertools
 import sys
+import threading
 import time
-from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import msgspec
 
 from madrob_console.engine.ipc.wire import decoded
-from madrob_console.engine.runtime.evidence_client import EvidenceClient, EvidencePlace
-from madrob_console.engine.runtime.evidence_order import EvidenceOrder
-from madrob_console.engine.runtime.evidence_recording import QUIET, EvidenceRecording
-from madrob_console.engine.runtime.supervisor import END_TIME, Worker
-from madrob_console.referee.evidence_state import EvidenceState
+from madrob_console.engine.runtime.evidence_worker import EvidenceOrder
+from madrob_console.engine.runtime.supervisor import Worker
+from madrob_console.referee.evidence import Evidence
 
 COMMAND = (sys.executable, "-P", "-m", "madrob_console.engine.runtime.evidence_worker")
 
@@ -23,128 +22,127 @@ FIRST_REPORT = 20.0
 """Time of a new process until its first report, s."""
 
 _PERIOD = 0.25
-_reports: msgspec.msgpack.Decoder[EvidenceState] = msgspec.msgpack.Decoder(EvidenceState)
+_reports: msgspec.msgpack.Decoder[Evidence] = msgspec.msgpack.Decoder(Evidence)
 
 
-class EvidenceProcess(Worker, EvidenceClient):
-    """Has evidence recorded in a process of its own.
+@dataclass(eq=False)
+class _Recording:
+    """What is recorded beside one run; None of it is shared with the next.
 
-    The process listens from `warm` on, so that all topics are discovered before a run, and writes
-    into the bag of a run while ordered to. One that has ended, or hangs, is started again and goes
-    on in a file of its own; the run is otherwise untouched.
+    Attributes:
+        is_ending: whether its bag is to be finished; `is_told`: its process knows that.
+        earlier: what lost processes had recorded.
+        evidence: what all of them have recorded.
+    """
+
+    order: EvidenceOrder
+    is_ending: bool = False
+    is_told: bool = False
+    has_ended: threading.Event = field(default_factory=threading.Event)
+    earlier: Evidence = field(default_factory=Evidence)
+    evidence: Evidence = field(default_factory=Evidence)
+
+
+class EvidenceProcess(Worker):
+    """Records the topics of the settings from the opening of a recording to its end.
+
+    A process that dies or hangs is started again, and records into a new bag.
+
+    Args:
+        least_free: bytes that stay free on the disk, for the run.
     """
 
     patience = 4.0
     longest = 30.0
-    state = EvidenceState()
+    loss = "the evidence goes on in a new bag"
 
-    def __init__(self, order: EvidenceOrder, command: Sequence[str] = COMMAND) -> None:
-        """`order` says where it listens to which topics."""
+    def __init__(
+        self, domain: int, topics: Sequence[str], least_free: int, command: Sequence[str] = COMMAND
+    ) -> None:
         super().__init__(command)
-        self._order = order
-        self._warm = self._closed = self._held = False
-        self._numbers = itertools.count(1)
-        self._recording: EvidenceRecording | None = None
-        self._orders: deque[EvidenceOrder] = deque()
-        # Of the supervisor's thread.
-        self._report: EvidenceState | None = None
-        self._reported = 0.0
-        self._trouble = ""
+        self._domain = domain
+        self._topics = tuple(topics)
+        self._least_free = least_free
+        self._recording: _Recording | None = None
+        self._served: _Recording | None = None  # by the process that runs
+        self._heard = 0.0
 
-    # ------------------------------------------------------------------ the engine's thread
+    # The engine's thread.
 
-    def warm(self) -> None:
-        self._warm = True
+    @property
+    def evidence(self) -> Evidence:
+        """What was recorded beside the current or last run."""
+        return Evidence() if self._recording is None else self._recording.evidence
+
+    def begin_recording(self, folder: Path, steady_ns: int) -> None:
+        """Record beside the run in a folder; `steady_ns` is the engine's steady time of now."""
+        self._recording = _Recording(
+            EvidenceOrder(
+                self._domain,
+                self._topics,
+                str(folder.absolute()),
+                steady_ns,
+                time.monotonic_ns(),
+                self._least_free,
+            )
+        )
         self.ring()
-
-    def begin_recording(self, place: EvidencePlace) -> None:
-        recording = EvidenceRecording(next(self._numbers), place)
-        if self._report is None:
-            recording.open_gap(self._trouble or "its process was only being started")
-        self._recording = recording
-        self._update_state()
-        self._submit_order()
-        self.warm()
 
     def end_recording(self) -> None:
+        """Have the bag finished."""
         if self._recording is not None:
-            self._recording.ended = time.monotonic()
-        self._submit_order()
-
-    def await_account(self, limit: float) -> None:
-        if self._recording is not None:
-            self._recording.written.wait(limit)
-
-    def hold_writing(self, *, held: bool) -> None:
-        self._held = held
-        self._submit_order()
-
-    def _submit_order(self) -> None:
-        self._orders.append(self._current_order())
+            self._recording.is_ending = True
         self.ring()
 
-    def _current_order(self) -> EvidenceOrder:
-        recording = None if self._recording is None else self._recording.order
-        return msgspec.structs.replace(self._order, recording=recording, held=self._held)
+    def wait_until_ended(self, limit: float) -> None:
+        """Wait until the bag is finished, `limit` s at most."""
+        if self._recording is not None:
+            self._recording.has_ended.wait(limit)
 
-    def close(self) -> None:
-        """An unfinished process goes on alone for a while."""
-        self._closed = True
-        self.ring()
-        self.wait_until_left(2 * END_TIME + 1.0)
-
-    # ------------------------------------------------------------------ the supervisor's thread
+    # The supervisor's thread.
 
     @property
     def wanted(self) -> bool:
-        return self._warm and not self._closed
+        recording = self._recording
+        if recording is None or recording.has_ended.is_set():
+            return False
+        return self.pid is None or self._served is recording
 
     @property
     def goes_on(self) -> bool:
-        return True  # it completes its file
+        return True  # it finishes its bag
 
     def begin(self) -> None:
-        self._report, self._reported = None, time.monotonic() + FIRST_REPORT - self.patience
-        self._orders.clear()
-        self.send(self._current_order())
+        assert self._recording is not None
+        self._served = self._recording
+        self._heard = time.monotonic() + FIRST_REPORT - self.patience
+        self.send(self._served.order)
 
     def work(self, now: float) -> float:
-        while self.pid is not None and self._orders:
-            self.send(self._orders.popleft())
-        self._update_state()
+        recording = self._recording
+        if recording is not None and recording.is_ending:
+            if self.pid is None:
+                recording.has_ended.set()
+            elif not recording.is_told:
+                recording.is_told = True
+                self.send_parts([b"\0"])  # anything ends it
         return _PERIOD
 
     def take(self, data: memoryview) -> None:
-        self._report = decoded(_reports, data, "a report of the evidence process")
-        self._reported, self._trouble = time.monotonic(), ""
-        recording = self._recording
-        if recording is not None:
-            recording.add_report(self._report, self._reported)
-        self._update_state()
-        if recording is not None and recording.is_written:
-            recording.written.set()
+        assert self._served is not None
+        report = decoded(_reports, data, "a report of the evidence process")
+        self._heard = time.monotonic()
+        self._served.evidence = report.added_to(self._served.earlier)
 
     def lose(self, why: str) -> None:
-        self._trouble, self._report = why, None
-        if self._recording is not None:
-            self._recording.lose_process(why)
-        self._update_state()
+        recording = self._served
+        if recording is None:
+            return
+        if recording.is_ending:
+            recording.has_ended.set()
+            return
+        recording.earlier = replace(recording.evidence, problem="")
+        recording.evidence = replace(recording.evidence, problem=f"{self.loss}: {why}")
 
     def due(self) -> float:
-        return self._reported
-
-    def _update_state(self) -> None:
-        live = live_state(self._report, time.monotonic() - self._reported, self._trouble)
-        recording = self._recording
-        self.state = live if recording is None else recording.merged_into(live)
-
-
-def live_state(report: EvidenceState | None, silent: float, trouble: str = "") -> EvidenceState:
-    """The current state: the last `report`, `silent` s old, or why there is no process."""
-    if trouble:
-        return EvidenceState(problem=f"the evidence process is started again: {trouble}")
-    if report is None:
-        return EvidenceState()
-    if silent > QUIET:  # the last report is too old
-        return EvidenceState(problem=f"the evidence process is silent for {silent:.0f} s")
-    return report
+        return self._heard

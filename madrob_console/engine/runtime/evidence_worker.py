@@ -1,178 +1,149 @@
-"""`python -m madrob_console.engine.runtime.evidence_worker HANDLE`: records evidence.
+"""`python -m madrob_console.engine.runtime.evidence_worker HANDLE`: records topics beside a run.
 
-It takes orders from the socket with this handle, finishes what it records and ends when the engine
-closes its end. Whatever it does is of lower priority than the engine, for processor and disk.
+It takes one order from the socket with this handle, and records until the socket says anything
+more, or ends with the engine: then it finishes its bag and ends. It has a lower priority than the
+engine, for processor and memory.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import select
+import shutil
 import signal
 import socket
 import sys
 import time
-from collections.abc import Iterator
+from collections import Counter
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 
 import msgspec
 
+from madrob_console.common.clock import NS
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.formatting import counted, listed
+from madrob_console.common.formatting import format_size
 from madrob_console.common.names import terminal_safe
 from madrob_console.engine.ipc.wire import frame, frames
-from madrob_console.engine.runtime.evidence_file import QUEUE_BYTES, EvidenceFile
-from madrob_console.engine.runtime.evidence_order import EvidenceOrder, RecordInto
-from madrob_console.referee.evidence_state import EvidenceState
-from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes, TakenEvidence
-from madrob_console.testbeds.ros.watches import console_name
-
-LEAST_QUEUE_BYTES = 8_000_000
-"""Memory of what waits for a file while earlier ones wait for the disk."""
+from madrob_console.referee.evidence import Evidence, EvidenceTopic
+from madrob_console.testbeds.ros.evidence_topics import SILENT_AFTER, EvidenceTopics
+from recorder import BagWriter, RecorderError
+from recorder.bag import EVIDENCE
 
 FIRST_TO_GO = 800
 """Out-of-memory score (of 1000): the kernel ends this process before all others of the engine."""
 
 NICE = 4
-"""Added to its niceness: the engine and scoring come first. With 10 it loses six times as many
-messages that DDS hands over in shared memory; the thread that writes has 10 all the same.
-"""
+"""Added to its niceness; with 10 it loses six times as many messages that come by shared memory."""
 
 REPORT_PERIOD = 0.5
 """How often the engine gets a report, s."""
 
-DISCOVERY_TIME = 4.0
-"""All topics are discovered, and send, this long after the start, s."""
-
-END_TIME = 20.0
-"""Time to finish the file when the engine has gone, s."""
-
 _PERIOD = 0.02
-_DISCOVERY = 0.5
-
-_decoder: msgspec.msgpack.Decoder[EvidenceOrder] = msgspec.msgpack.Decoder(EvidenceOrder)
 
 
-class EvidenceServer:
-    """Carries out the orders that come by the `link`, and reports the state."""
+class EvidenceOrder(msgspec.Struct, frozen=True):
+    """What is recorded, and where.
 
-    def __init__(self, link: socket.socket) -> None:
-        self._link = link
-        self._received = bytearray()
-        self._intakes: EvidenceIntakes | None = None
-        self._files: list[EvidenceFile] = []
-        self._order: EvidenceOrder | None = None
-        self._recording: EvidenceFile | None = None
-        self._problem: str | None = None
-        self._ready_at = math.inf
+    Attributes:
+        folder: of the run; the bag is a folder in it.
+        steady_ns: steady time of the engine (protocol section 8), ns since the epoch.
+        monotonic_ns: the machine's monotonic time at the same moment.
+        least_free: bytes that stay free on the disk, for the run.
+    """
 
-    def work(self) -> None:
-        """Until the engine has gone; raises `EOFError` then."""
-        reported = discovered = 0.0
-        finished = 0
-        while True:
-            orders, before = self._orders(), finished
-            for order in orders:
-                self._carry_out(order)
-            finished = sum(file.finished for file in self._files)
-            now = time.monotonic()
-            if self._intakes is not None and now - discovered >= _DISCOVERY:
-                self._intakes.discover(recording=self._recording is not None)
-                discovered = now
-            self._take_messages()
-            if orders or finished > before or now - reported >= REPORT_PERIOD:
-                self._report()
-                reported = now
-            time.sleep(_PERIOD)
+    domain: int
+    topics: tuple[str, ...]
+    folder: str
+    steady_ns: int
+    monotonic_ns: int
+    least_free: int
 
-    def close(self) -> None:
-        deadline = time.monotonic() + END_TIME
-        for file in self._files:
-            file.close(deadline)
-        if self._intakes is not None:
-            self._intakes.close()
+    def now_ns(self) -> int:
+        """Return the steady time of now."""
+        return self.steady_ns + time.monotonic_ns() - self.monotonic_ns
 
-    def _orders(self) -> list[EvidenceOrder]:
-        while select.select([self._link], [], [], 0)[0]:
-            data = self._link.recv(1 << 16)
-            if not data:
-                raise EOFError
-            self._received += data
-        return [_decoder.decode(each) for each in frames(self._received)]
 
-    def _carry_out(self, order: EvidenceOrder) -> None:
-        if self._order is None:
-            self._listen(order)
-        elif self._recording is not None and order.recording != self._order.recording:
-            self._take_messages()
-            self._recording.end()
-            self._report()  # before a topic that has gone is forgotten
-            self._recording = None
+class EvidenceRecorder:
+    """Records the topics of an order into a new bag, and counts them."""
+
+    def __init__(self, order: EvidenceOrder, listened: EvidenceTopics) -> None:
         self._order = order
-        if order.recording is not None and self._recording is None:
-            self._begin(order.recording, held=order.held)
-        for file in self._files:
-            file.hold_writing(held=order.held)
+        self._listened = listened
+        self._heard_ns = dict.fromkeys(order.topics, order.steady_ns)
+        self._problem = ""
+        self._writer = BagWriter(_free_folder(Path(order.folder)), [], {})
+        self._writer.open()
 
-    def _listen(self, order: EvidenceOrder) -> None:
-        try:
-            self._intakes = EvidenceIntakes(
-                order.domain,
-                order.choice,
-                order.own_topics,
-                ros_args=order.ros_args,
-                environment=os.environ,
-                name=console_name().replace("console", "evidence", 1),
-            )
-        except MadrobError as error:  # a new process could do no more
-            self._problem = terminal_safe(str(error))
-        self._ready_at = time.monotonic() + DISCOVERY_TIME
+    def record(self) -> None:
+        """Record what has come since the last call."""
+        messages = self._listened.take_messages(self._order.now_ns())
+        for topic in self._listened.topics:
+            self._writer.add_topic(topic)
+        for message in messages:
+            self._heard_ns[message.topic] = message.receive_ns
+        if not self._problem:
+            self._writer.put_all(messages)
 
-    def _begin(self, order: RecordInto, *, held: bool) -> None:
-        if self._intakes is None:
-            return
-        self._files = [file for file in self._files if not file.finished]
-        room = QUEUE_BYTES - sum(file.stats.memory_bytes for file in self._files)
-        self._take_messages()  # drop messages from before the recording
-        self._recording = EvidenceFile(order, max(room, LEAST_QUEUE_BYTES), held=held)
-        self._files.append(self._recording)
-        for history in self._intakes.begin_recording():
-            now = self._now_ns()
-            messages = [msgspec.structs.replace(each, receive_ns=now) for each in history.messages]
-            self._recording.record(TakenEvidence(history.topic, messages))
+    def report(self) -> Evidence:
+        """Return what was recorded; from now on nothing is if the disk has too little room."""
+        order = self._order
+        if shutil.disk_usage(order.folder).free < order.least_free and not self._problem:
+            size = format_size(order.least_free)
+            self._problem = f"the disk has less than {size} left: nothing more is recorded"
+        stats = self._writer.stats()
+        lost = Counter(self._listened.lost()) + stats.lost
+        late = self._listened.kept_for_late
+        topics = {}
+        for name, heard_ns in self._heard_ns.items():
+            is_silent = order.now_ns() - heard_ns > SILENT_AFTER * NS and name not in late
+            since = heard_ns / NS if is_silent else None
+            topics[name] = EvidenceTopic(stats.recorded[name], lost[name], since)
+        unusable = [f"{name}: {why}" for name, why in self._listened.problems.items()]
+        return Evidence(topics, self._problem or stats.error or "; ".join(unusable))
 
-    def _take_messages(self) -> None:
-        if self._intakes is None:
-            return
-        for taken in self._intakes.take_messages(self._now_ns):
-            if self._recording is not None:
-                self._recording.record(taken)
-
-    def _now_ns(self) -> int:
-        """Steady time: that of the engine while there is a recording (protocol section 8)."""
-        if self._order is None or self._order.recording is None:
-            return time.time_ns()
-        place = self._order.recording.place
-        return place.steady_ns + time.monotonic_ns() - place.monotonic_ns
-
-    def _report(self) -> None:
-        state = EvidenceState(problem=self._problem)
-        if (intakes := self._intakes) is not None:
-            state = EvidenceState(
-                ready=time.monotonic() > self._ready_at,
-                topics=intakes.topics(),
-                missing=tuple(_missing(intakes)),
-            )
-        self._link.sendall(frame(self._files[-1].with_counts(state) if self._files else state))
+    def finish(self) -> Evidence:
+        """Finish the bag, and return what is in it."""
+        self.record()
+        self._writer.close()
+        return self.report()
 
 
-def _missing(intakes: EvidenceIntakes) -> Iterator[str]:
-    if unseen := intakes.unseen:
-        yield f"nobody publishes {listed(unseen)}"
-    if left := intakes.left_over:
-        yield f"{counted(len(left), 'topic')} too many, {listed(left)}: not recorded"
+def _free_folder(run: Path) -> Path:
+    for number in count(1):
+        folder = run / f"{run.name}{EVIDENCE}{'' if number == 1 else f'_{number}'}"
+        if not folder.exists():
+            return folder
+    raise AssertionError
+
+
+def serve(link: socket.socket) -> None:
+    """Record what the first message of the link orders, and report, until there is another one."""
+    order = msgspec.msgpack.decode(_first_frame(link), type=EvidenceOrder)
+    try:
+        with EvidenceTopics(order.domain, order.topics) as listened:
+            recorder = EvidenceRecorder(order, listened)
+            next_report = 0.0
+            while not select.select([link], [], [], _PERIOD)[0]:
+                recorder.record()
+                if time.monotonic() >= next_report:
+                    next_report = time.monotonic() + REPORT_PERIOD
+                    link.sendall(frame(recorder.report()))
+            link.sendall(frame(recorder.finish()))
+    except (MadrobError, RecorderError) as error:  # a new process could do no more
+        problem = terminal_safe(str(error))
+        while not select.select([link], [], [], REPORT_PERIOD)[0]:
+            link.sendall(frame(Evidence(problem=problem)))
+
+
+def _first_frame(link: socket.socket) -> bytes:
+    received = bytearray()
+    while data := link.recv(1 << 16):
+        received += data
+        for content in frames(received):
+            return content
+    raise EOFError
 
 
 def give_way() -> None:
@@ -184,16 +155,12 @@ def give_way() -> None:
 
 def main() -> None:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # of a whole group: the evidence is finished first
+        signal.signal(number, signal.SIG_IGN)  # of a whole group: the bag is finished first
     give_way()
     with Path(os.devnull).open("w") as nothing:
         os.dup2(nothing.fileno(), sys.stdout.fileno())  # what DDS prints, no program reads
-    server = EvidenceServer(socket.socket(fileno=int(sys.argv[1])))
-    try:
-        with suppress(EOFError, ConnectionError):
-            server.work()
-    finally:
-        server.close()
+    with suppress(EOFError, ConnectionError), socket.socket(fileno=int(sys.argv[1])) as link:
+        serve(link)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
@@ -12,7 +11,6 @@ from typing import Any, assert_never
 
 from msgspec.structs import replace as with_fields
 
-from madrob_console.archive.evidence import settled_account
 from madrob_console.archive.folders import give_out_run_number
 from madrob_console.archive.journal_agreement import Details
 from madrob_console.archive.unfinished_runs import Unfinished, find_unfinished
@@ -22,10 +20,8 @@ from madrob_console.engine.core.effects import (
     CloseJournal,
     CloseRecording,
     ConfigureTestbed,
-    CountEvidence,
     GiveOutNumber,
     GiveUpRecording,
-    HoldEvidence,
     KeepJournal,
     KeepRecording,
     LeaveRun,
@@ -45,7 +41,6 @@ from madrob_console.engine.core.effects import (
 from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.core.inputs import (
     CutOffRunsListed,
-    EvidenceCounted,
     Input,
     JournalReopened,
     LineWithdrawn,
@@ -61,8 +56,7 @@ from madrob_console.engine.core.scored_run import RenderedResult, ScoringRequest
 from madrob_console.engine.public_state import PublishedState
 from madrob_console.engine.runtime.disk import DiskThreads, why_not
 from madrob_console.engine.runtime.disk_watch import DiskWatch
-from madrob_console.engine.runtime.evidence_budget import EvidenceBudget
-from madrob_console.engine.runtime.evidence_client import EvidenceClient, EvidencePlace
+from madrob_console.engine.runtime.evidence_process import EvidenceProcess
 from madrob_console.engine.runtime.journal_writer import JournalLine, JournalWriter, OpenJournal
 from madrob_console.engine.runtime.recording import Recording
 from madrob_console.engine.runtime.result_writer import ResultWriter, UnwrittenRun
@@ -78,15 +72,14 @@ from madrob_console.messages.codec import (
     referee_topics,
 )
 from madrob_console.messages.types import MessageTypes
-from madrob_console.referee.evidence_account import EvidenceAccount
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.source import Source
 from recorder.bag import RawMessage
 from scoring.protocol import StartPose
 
-COUNTING = 0.5
-"""The result waits at most this long for all of the evidence to be counted, s."""
+EVIDENCE_TIME = 0.5
+"""The result waits at most this long until the bag of the evidence is finished, s."""
 
 
 class Performer:
@@ -105,7 +98,7 @@ class Performer:
         types: MessageTypes,
         disk: DiskThreads,
         scorer: Scorer,
-        evidence: EvidenceClient,
+        evidence: EvidenceProcess | None,
     ) -> None:
         self.inputs: deque[Input] = deque()
         self.on_closing: Callable[[], None] = lambda: None
@@ -120,7 +113,6 @@ class Performer:
         self._scorer = scorer
         self._evidence = evidence
         self._disk_watch = DiskWatch(config.results, disk.own)
-        self._budget = EvidenceBudget(config, disk.reading)
         self._line: JournalLine | None = None  # of the act that waits
         self._job: Future[Any] | None = None  # before its line is written
         self._opened: Recording | None = None  # until the core keeps it or gives it up
@@ -165,16 +157,13 @@ class Performer:
         place = "the run is safe on disk"
         if disk.journal_problem or disk.lines or (torn and recorded_here):
             place = "it is in memory alone: do not end the engine"
-        evidence = self._evidence.state
-        if evidence is not None:
-            evidence = self._budget.with_room(evidence, disk.free, now)
         return WorkerState(
             recorder,
             recorder_silent=self.recorder_silent,
             dropped={} if self._recording is None else self._recording.dropped(),
             scoring=self._scorer.problem(place) or "",
             hopeless=self._scorer.hopeless,
-            evidence=evidence,
+            evidence=None if self._evidence is None else self._evidence.evidence,
         )
 
     # ------------------------------------------------------------------ effects
@@ -221,10 +210,6 @@ class Performer:
                     self.results.retry(seconds(self._clock.now_ns()))
             case MakeReports(folder):
                 self.results.make_reports(folder)
-            case CountEvidence():
-                self._count_evidence(effect)
-            case HoldEvidence(held):
-                self._evidence.hold_writing(held=held)
             case _:
                 assert_never(effect)
 
@@ -349,21 +334,15 @@ class Performer:
         recording.add_topics(self._source.topics())
         recording.record_messages([with_fields(each, receive_ns=now_ns) for each in early])
         self._lost_before = self._lost()
-        if self._evidence.state is not None:
-            place = EvidencePlace(
-                str(recording.folder.absolute()),
-                now_ns,
-                time.monotonic_ns(),
-                most_bytes=self._budget.left,
-                least_free=self._config.disk_needed,
-            )
-            self._evidence.begin_recording(place)
+        if self._evidence is not None:
+            self._evidence.begin_recording(recording.folder, now_ns)
 
     def _close_recording(self) -> None:
         self.on_closing()
         recording, self._recording = self._recording, None
         assert recording is not None
-        self._evidence.end_recording()
+        if self._evidence is not None:
+            self._evidence.end_recording()
         losses = tuple(self._losses())
 
         def closed(_answer: Future[None]) -> None:
@@ -417,19 +396,11 @@ class Performer:
 
         self.results.write(self.journal.folder, scored, entries, written)
 
-    def _count_evidence(self, wanted: CountEvidence) -> None:
-        def counted(answer: Future[EvidenceAccount | None]) -> None:
-            account = None if answer.exception() else answer.result()
-            self.inputs.append(EvidenceCounted(wanted.before, wanted.generation, account))
 
-        disk = self._disk.own if wanted.last else self._disk.reading
-        job = partial(settled_account, self.journal.folder.inside, wanted.before)
-        disk.submit_job(job, counted)
-
-
-def _close(recording: Recording, evidence: EvidenceClient) -> None:
+def _close(recording: Recording, evidence: EvidenceProcess | None) -> None:
     recording.close()
-    evidence.await_account(COUNTING)
+    if evidence is not None:
+        evidence.wait_until_ended(EVIDENCE_TIME)
 
 
 def _open(make: Callable[[], Recording], line: JournalLine) -> Recording | None:

@@ -6,13 +6,11 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import msgspec
 
-from madrob_console.archive.evidence import evidence_account_of
 from madrob_console.archive.result_files import result_files
 from madrob_console.archive.scored import Scored, assess_recording, open_run
 from madrob_console.common.plain_files import naming_folder
@@ -53,8 +51,7 @@ class RunScorer:
     def read(self, folder: Path) -> EarlierRun:
         opened = open_run(folder)
         recorded, data = opened.recorded, opened.assessment
-        run = replace(recorded.run, evidence=evidence_account_of(folder, recorded.run))
-        scored = rendered(Scored.of(recorded.record, run, data), data, {})
+        scored = rendered(Scored.of(recorded.record, recorded.run, data), data, {})
         self._put_in_cache(folder, data)
         return EarlierRun(folder, recorded.entries, scored, opened.out_of_date)
 

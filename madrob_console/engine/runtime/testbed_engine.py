@@ -29,7 +29,6 @@ from madrob_console.engine.core.inputs import (
     DoAct,
     EngineEnds,
     Input,
-    LastEvidenceCount,
     OpenEarlierRun,
     ReplayedLine,
     ReplayEnds,
@@ -42,7 +41,7 @@ from madrob_console.engine.playback import NO_REPLAY, PlaybackCommand
 from madrob_console.engine.public_state import PublishedState
 from madrob_console.engine.runtime.backlog import Backlog, Interrupt
 from madrob_console.engine.runtime.disk import DiskThreads, T
-from madrob_console.engine.runtime.evidence_client import EvidenceClient
+from madrob_console.engine.runtime.evidence_process import EvidenceProcess
 from madrob_console.engine.runtime.performer import Performer
 from madrob_console.engine.runtime.replay import Replay, ReplayPerformer
 from madrob_console.engine.runtime.scorer import Scorer
@@ -120,9 +119,8 @@ class _Requests:
 class Engine:
     """One testbed, one run after the other; or the replay of one recorded run.
 
-    `disk` and `evidence_client` are closed with the engine. Without `disk` and `scorer` files and
-    results are made at once, in the engine's thread; without `evidence_client` no evidence is
-    recorded.
+    `disk` is closed with the engine. Without `disk` and `scorer` files and results are made at
+    once, in the engine's thread; without `evidence` nothing is recorded beside the testbed.
 
     Attributes:
         make_reports: called with the run's folder when its result is on disk; must not wait.
@@ -137,7 +135,7 @@ class Engine:
         replay: Replay | None = None,
         disk: DiskThreads | None = None,
         scorer: Scorer | None = None,
-        evidence_client: EvidenceClient | None = None,
+        evidence: EvidenceProcess | None = None,
     ) -> None:
         self.source = source
         # a recording says itself what was read of it
@@ -148,7 +146,7 @@ class Engine:
         self._types = types
         self._disk = disk or DiskThreads.inline()
         self._scorer = scorer or Scorer()
-        self._evidence = evidence_client or EvidenceClient()
+        self._evidence = evidence
         self._lists: tuple[TeamList, Plan] = NO_TEAMS, NO_PLAN
         self._requests = _Requests()
         self._records = False
@@ -379,10 +377,7 @@ class Engine:
             self._drain()
         self._feed(CutOff("the console was closed during the run"))
         answers = self._settle()
-        self._evidence.close()
         if answers:
-            self._feed(LastEvidenceCount())
-            self._settle()
             live.journal.catch_up()
             live.carry_out(self.current_run.left)
         live.journal.close()
@@ -430,7 +425,6 @@ class Engine:
 
     def warm(self) -> None:
         self._scorer.warm()
-        self._evidence.warm()
 
     # ------------------------------------------------------------------ requests
 

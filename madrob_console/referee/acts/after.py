@@ -56,7 +56,6 @@ class Finalise(Act):
             closure=closure,
             signed=signed,
             signed_notes=len(run.notes),
-            signed_evidence=run.evidence,
         )
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from rich.cells import cell_len
 
-from madrob_console.common.formatting import counted, format_duration
 from madrob_console.referee.acts import Abort, Start
 from madrob_console.referee.run import Phase
 from madrob_console.ui.cells.lines import (
@@ -25,7 +24,6 @@ from madrob_console.ui.look.words import shortened, wrapped
 
 if TYPE_CHECKING:
     from madrob_console.engine.snapshot import Snapshot
-    from madrob_console.referee.evidence_state import EvidenceState
 
 
 MOST_ROWS = 3
@@ -137,33 +135,14 @@ def _next(snapshot: Snapshot, *, silent: bool) -> str:
 
 
 class EvidenceLine(View):
-    """Problems of the evidence recording, the room left, the worst topic, the rates."""
+    """What is recorded beside the run, and what is wrong with it."""
 
     def draw_lines(self, snapshot: Snapshot, width: int) -> Sequence[Line]:
         if (evidence := snapshot.evidence) is None:
             return ()
-        row = line(Span("evidence", Tone.STRONG))
-        for text, tone in _parts(evidence, snapshot.run.start):
+        remarks = list(evidence.remarks(snapshot.run.start))
+        row = line(Span("evidence", Tone.STRONG), Span(f"  {evidence.words}"))
+        for text in remarks:
             if part := shortened(f"  {text}", width - width_of(row)):
-                row = (*row, Span(part, tone))
+                row = (*row, Span(part, Tone.WARN))
         return [row]
-
-
-def _parts(evidence: EvidenceState, start: float | None) -> Iterator[Span]:
-    if (trouble := evidence.trouble(start)) is not None:
-        yield Span(trouble, Tone.BAD)
-    elif not evidence.topics:
-        yield Span("none of its topics is there", Tone.WARN)
-    if missing := evidence.missing_words(start):
-        yield Span(missing, Tone.WARN)
-    if evidence.lasts is not None:
-        yield Span(f"room for {format_duration(evidence.lasts)}")
-    if worst := evidence.worst(start):
-        yield Span(worst, Tone.WARN)
-    if number := len(evidence.topics):
-        rate = float(f"{evidence.byte_rate:.2g}")  # more digits would change all the time
-        yield Span(f"{counted(number, 'topic')} {rate / 1e6:.1f} MB/s")
-    if evidence.recording:
-        size = sum(topic.bytes or 0 for topic in evidence.recorded) / 1e6
-        messages = sum(topic.messages for topic in evidence.recorded)
-        yield Span(f"{size:.1f} MB, {counted(messages, 'message')}", Tone.DIM)

@@ -180,7 +180,6 @@ def mark_words(run: Run, result: Result) -> list[tuple[str, str]]:
             )
             for reissue in run.reissues
         ),
-        *((gone.time, "evidence removed", gone.words) for gone in run.removed_evidence),
     ]
     doubts = (
         ("doubt", f"{words} ({', '.join(name.words for name in on)})")
@@ -212,8 +211,6 @@ def recorded_lines(result: Result, run: Run, width: int) -> Iterator[Line]:
         yield from paragraph(text, width, Tone.WARN)
     if (evidence := run.evidence) is None:
         return
-    gone = run.evidence_removed(date_of)
-    words = f"{evidence.words}{f'; {gone}' if gone else ''}"
-    yield from _entry("evidence", words, width, Tone.WARN if gone else Tone.PLAIN)
-    for text in evidence.remarks():
+    yield from _entry("evidence", evidence.words, width, Tone.PLAIN)
+    for text in evidence.remarks(run.start):
         yield from paragraph(text, width, Tone.DIM)

@@ -27,7 +27,7 @@ from madrob_console.cli.doctor import (
     usable,
     verdict,
 )
-from madrob_console.cli.doctor_evidence import PATIENCE, look_at_evidence
+from madrob_console.cli.doctor_evidence import look_at_evidence
 from madrob_console.cli.doctor_ros import look_at_installation, other_users, overheard
 from madrob_console.cli.finding import Finding, Severity, line
 from madrob_console.cli.output import BAD_INPUT
@@ -36,7 +36,6 @@ from madrob_console.messages.codec import ROBOT_STARTED_TOPIC
 from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.competition_plan import PlanSource
 from madrob_console.referee.team_list import TeamSource
-from madrob_console.testbeds.evidence_choice import EvidenceChoice
 from madrob_console.testbeds.simulated import SimulatedTestbed
 from madrob_console.testbeds.simulated_node import serve_testbed
 from madrob_console.testbeds.source import Source
@@ -537,56 +536,19 @@ def test_the_report_ends_with_a_verdict() -> None:
 HALL = Stream(Kind.JPEG, count=2, rate=20, size=50_000, reliable=True)
 
 
-def looked(
-    *topics: str, own: tuple[str, ...] = (), domain: int = 0
-) -> Iterator[tuple[str, Finding]]:
-    for one in look_at_evidence(EvidenceChoice(topics), own, domain, 100 * 10**9, os.environ):
-        yield one.subject, one
-
-
 @pytest.mark.machine
-def test_what_matches_now_is_shown_with_its_rate_and_what_an_hour_costs(
-    ros_domain: int, peer: Peer
-) -> None:
+def test_each_topic_beside_the_run_is_heard_or_not(ros_domain: int, peer: Peer) -> None:
     left, right = HALL.topics
+    wanted = (left, right, "/camera/gone")
     with cameras(HALL):
         peer.until(lambda: peer.own.count_publishers(left))
-        found = dict(looked("/camera/**", own=(right,), domain=ros_domain))
-    assert right not in found  # it is recorded anyway
-    assert found[left].text.startswith(f"evidence, {HALL.kind.type}, ")
-    assert found[left].severity is Severity.OK
-    costs = "1 topic, .* GB an hour, the budget of 100 GB is "
-    assert re.search(costs, found["evidence"].text)
-
-
-@pytest.mark.machine
-def test_a_pattern_that_matches_nothing_beside_one_that_does_is_said(
-    ros_domain: int, peer: Peer
-) -> None:
-    silent = peer.publisher("/hall/silent", BOOL)
-    peer.until(lambda: peer.own.count_publishers("/hall/silent"))
-    found = [one for _, one in looked("/hall/**", "/camera/**", domain=ros_domain)]
-    assert silent is not None
-    texts = [one.text for one in found if one.severity is Severity.WARNING]
-    assert any(text.endswith(": nothing comes now") for text in texts)
-    nobody = f"nobody publishes /camera/**, not seen within {PATIENCE:g} s: "
-    assert any(text.startswith(nobody) for text in texts)
-
-
-@pytest.mark.machine
-def test_pictures_that_are_lost_on_the_way_are_told_with_the_page_that_helps(
-    ros_domain: int, peer: Peer
-) -> None:
-    remedy = " lost on the way (`madrob guide testbed`)"
-    with cameras(Stream(Kind.RAW, "/camera/raw", size=2_000_000)):
-        peer.until(lambda: peer.own.count_publishers("/camera/raw"))
-        # what floods the way may hold up that it is found
-        peer.until(
-            lambda: any(
-                subject == "/camera/raw" and remedy in one.text
-                for subject, one in looked("/camera/**", domain=ros_domain)
-            )
-        )
+        found = {f.subject: f for f in look_at_evidence(wanted, ros_domain, os.environ)}
+    for topic in (left, right):
+        assert re.fullmatch(rf"{HALL.kind.type}, [\d.]+ MB a minute", found[topic].text)
+        assert found[topic].severity is Severity.OK
+    gone = found["/camera/gone"]
+    assert gone.severity is Severity.WARNING
+    assert "not heard within 10 s" in gone.text
 
 
 def test_where_an_engine_keeps_its_lock_is_told_and_what_is_wrong_with_it(

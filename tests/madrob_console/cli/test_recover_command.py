@@ -17,7 +17,7 @@ from recorder.reader import Bag
 from recorder.writer import BagWriter
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import completed
-from tests.recorder.samples import add_evidence, strings, talk
+from tests.recorder.samples import strings, talk
 
 
 @pytest.fixture
@@ -52,19 +52,6 @@ def test_a_torn_bag_is_repaired_in_one_line_and_the_result_stays_what_it_was(
     (after,) = score(folder)
     assert after.result == before.result
     assert any("is torn at byte" in remark for remark in after.result.quality.remarks)
-
-
-def test_evidence_that_was_cut_off_is_repaired_and_what_is_hopeless_is_named(
-    folder: Path, madrob: Madrob
-) -> None:
-    for number, left in ((0, -100), (1, 5)):
-        file = add_evidence(folder, strings(["a", "b"]), number)
-        file.write_bytes(file.read_bytes()[:left])
-    (line,) = madrob("recover", folder).splitlines()
-    kept, hopeless = (f"{folder.name}_evidence_{number}.mcap" for number in (0, 1))
-    told = f"{folder}: whole, .*; evidence {kept}: 2 messages kept, cut: "
-    assert re.match(f"{told}.*; evidence stays as it is: .*{hopeless} is no evidence: ", line)
-    madrob("score --check", folder)
 
 
 def test_a_run_that_its_engine_still_holds_is_refused(folder: Path, madrob: Madrob) -> None:

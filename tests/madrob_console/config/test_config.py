@@ -18,7 +18,6 @@ from madrob_console.config.settings_example import example_toml
 from madrob_console.config.tables import Competition, ConsoleSettings, RunDefaults
 from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.topic_health import SensorLimits
-from madrob_console.testbeds.evidence_choice import NO_LIMIT, TopicLimit
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
 from scoring.protocol import GRAM_FORCE, LockDetection, Side, Signal, StartPose, Thresholds
@@ -215,28 +214,10 @@ def test_what_says_that_nothing_is_there_is_a_number_or_its_text(
     assert mappings[Signal.CW_RIGHT] == "inf"
 
 
-def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_path: Path) -> None:
-    assert Settings().recording.choice.topics == ()
-    recording = load(
-        tmp_path,
-        """
-        [recording]
-        topics = ["/camera/*/image/compressed", "/tf"]
-        excluded = ["/camera/spare/**"]
-        budget = 0.5
-        largest = 2
-        [[recording.limits]]
-        topics = "/camera/**"
-        most_rate = 10
-        """,
-    ).recording
-    choice = recording.choice
-    assert recording.budget_bytes == 500_000_000
-    assert choice.largest == 2_000_000
-    assert choice.wants("/camera/left/image/compressed")
-    assert not choice.wants("/camera/spare/image/compressed")
-    assert choice.limit("/camera/left/image/compressed") == TopicLimit("/camera/**", 10.0)
-    assert choice.limit("/tf") == NO_LIMIT
+def test_the_file_names_the_topics_that_are_recorded_beside_the_run(tmp_path: Path) -> None:
+    topics = ("/camera/left/image/compressed", "/tf")
+    assert Settings().evidence.topics == ()
+    assert load(tmp_path, f"[evidence]\ntopics = {list(topics)}").evidence.topics == topics
 
 
 @pytest.mark.parametrize(
@@ -280,12 +261,10 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
         ),
         ("[[topics]]\nsignal = 'latch'\ntype = 'a/B'", "topics[0].type: 'a/B' is no message type"),
         (
-            "[recording]\ntopics = ['/a', 'b']",
-            "recording.topics[1]: 'b' is no pattern of topics: it",
+            "[evidence]\ntopics = ['/a', 'b']",
+            "evidence.topics[1]: 'b' is no name of a topic: it begins with /",
         ),
-        ("[recording]\nexcluded = ['/a\"b']", "recording.excluded[0]: '/a\"b' is no pattern of"),
-        ("[[recording.limits]]\ntopics = '/a/'", "recording.limits[0].topics: '/a/' is no pattern"),
-        ("[recording]\ntopics = ['/" + "-" * 999 + "']", "recording.topics[0]: '/------------"),
+        ("[evidence]\ntopics = ['/" + "-" * 999 + "']", "evidence.topics[0]: '/------------"),
         ("[[topics]]\nsignal = 'latch'\nscale = 0", "topics[0]: scale: 0 loses the signal"),
         (
             "[[topics]]\nsignal = 'latch'\ntype = 'a/msg/B'",
@@ -331,16 +310,6 @@ def test_without_settings_no_evidence_is_recorded_and_the_file_chooses_it(tmp_pa
         (
             "[console]\ntheme = 'solarized'",
             "console.theme: invalid enum value 'solarized'; use 'dark', 'light', 'high-contrast'",
-        ),
-        (
-            "[recording]\ntopics = ['camera']",
-            "recording.topics[0]: 'camera' is no pattern of topics: it begins with /",
-        ),
-        ("[recording]\nlargest = 91", "recording.largest: expected a number <= 90"),
-        ("[recording]\nbudget = 0", "recording.budget: expected a number >= 0.001"),
-        (
-            "[[recording.limits]]\ntopics = '/tf'\nmost_rate = 0",
-            "recording.limits[0].most_rate: expected a number >= 0.01",
         ),
         ("[console]\nbell = 'no'", "console.bell: expected true or false, got text"),
         ("[results]\nfolder = ''", "results.folder: expected text of length >= 1"),
@@ -413,8 +382,6 @@ def test_the_example_shows_every_setting_with_its_default() -> None:
         assert shown.pop(listed)
         del defaults[listed]
     assert [line.split()[0] for line in unset] == ["#name", "#kind", "#domain"]
-    assert defaults["recording"].pop("limits") == []
-    assert shown["recording"].pop("limits")
     for unnamed in ("name", "kind", "domain"):
         assert defaults["testbed"].pop(unnamed) is None
     assert shown == defaults

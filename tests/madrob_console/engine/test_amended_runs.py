@@ -23,10 +23,10 @@ from madrob_console.archive.appeal import EQUAL
 from madrob_console.archive.check import check_run
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE, next_run_number
 from madrob_console.archive.history import History
+from madrob_console.archive.pictures import write_frames
 from madrob_console.archive.repair import repair
 from madrob_console.archive.run_journal import ever_protested, read_run_journal
 from madrob_console.archive.run_paths import RunPath
-from madrob_console.archive.run_pictures import write_frames
 from madrob_console.archive.scored import score_run
 from madrob_console.archive.stored_runs import stored_run
 from madrob_console.archive.table_columns import RUNS, rows_of
@@ -432,9 +432,6 @@ def dossier(desk: Desk, *options: str) -> dict[str, bytes]:
 
 def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
     desk.act(SIGNED, CROSSED, UPHELD, SIGNED)
-    pictures = desk.run_folder / "pictures"
-    pictures.mkdir()
-    (pictures / "door_opens.jpg").write_bytes(b"a picture")
     add_evidence(desk.run_folder, strings(["seen"]))
     files, name = dossier(desk), desk.run_folder.name
     report, readme = files[f"{name}/report.html"].decode(), files[README_FILE].decode()
@@ -442,8 +439,7 @@ def test_the_dossier_has_all_that_a_protest_is_decided_by(desk: Desk) -> None:
     inside = ("journal.jsonl", "result.json", "result_issue_1.json", "report.html", *led)
     tables = {f"tables/{name}_{table}.csv" for table in ("door", "handle", "passage")}
     assert {*(f"{name}/{part}" for part in inside), *tables} < {*files}
-    assert files[f"{name}/pictures/door_opens.jpg"] == b"a picture"
-    for part in ("_evidence_", "_jointState.csv"):
+    for part in ("_evidence/", "_jointState.csv"):
         assert part in " ".join(files)
     for words in (b"Protest 1", b"UPHELD", b"we were through earlier", b", PRACTICE"):
         assert words in files[PROTESTS_FILE]
@@ -460,12 +456,12 @@ def test_a_report_that_is_made_for_the_dossier_shows_what_the_cameras_saw(desk: 
     film(desk.run_folder, "/camera/left")
     files = dossier(desk)
     report = files[f"{desk.run_folder.name}/report.html"].decode()
-    assert re.search(r'href="pictures/[^"]+[.]jpg"', report)
-    assert not any((desk.run_folder / made).exists() for made in ("pictures", "report.html"))
+    assert '<img src="data:image/jpeg;base64,' in report
+    assert not (desk.run_folder / "report.html").exists()
     without = dossier(desk, "--without-bags")
     readme = without[README_FILE].decode()
     assert "run 1: completed, not final, PRACTICE" in readme
-    assert "the recording was left out on demand" in readme
+    assert "the recordings were left out on demand" in readme
     assert not any(name.endswith(".mcap") for name in without)
 
 

@@ -20,7 +20,6 @@ from madrob_console.engine.core.effects import (
     ConfigureTestbed,
     Effect,
     GiveUpRecording,
-    HoldEvidence,
     KeepJournal,
     LeaveRun,
     ListCutOffRuns,
@@ -35,7 +34,7 @@ from madrob_console.engine.core.effects import (
     WriteLine,
     WriteResult,
 )
-from madrob_console.engine.core.engine_config import EngineConfig, EvidencePlan
+from madrob_console.engine.core.engine_config import EngineConfig
 from madrob_console.engine.core.engine_core import Core
 from madrob_console.engine.core.inputs import (
     CutOff,
@@ -80,6 +79,7 @@ from madrob_console.referee.acts import (
     Waive,
 )
 from madrob_console.referee.checks import CheckState, blocking
+from madrob_console.referee.evidence import Evidence
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import CheckName
@@ -106,7 +106,6 @@ from tests.madrob_console.engine.test_run_values import (
     RUN,
     START,
     TOPICS,
-    evidence,
     handle,
     skewed,
     status,
@@ -339,7 +338,7 @@ def test_a_message_that_is_judged_late_counts_and_is_not_shown(values: Values) -
     assert (view.received, observation.sensors.door_view(NOW).angle) == (1, None)
 
 
-def test_evidence_waits_while_the_disk_does_and_what_was_refused_is_tried_again(
+def test_what_the_disk_refused_is_tried_again(
     values: Values,
 ) -> None:
     def kinds_after(seconds: float, silent: float) -> list[Effect]:
@@ -352,15 +351,10 @@ def test_evidence_waits_while_the_disk_does_and_what_was_refused_is_tried_again(
 
     values.ready()
     kinds_after(10.0, 0.0)
-    assert kinds_after(0.2, 0.6) == []
-    assert kinds_after(0.2, 0.61) == [HoldEvidence(True)]
-    assert kinds_after(0.2, 0.7) == []
-    assert kinds_after(0.2, 0.0) == [HoldEvidence(False)]
-    assert kinds_after(0.65, 0.0) == []
+    assert kinds_after(1.45, 0.0) == []
     assert kinds_after(0.1, 0.0) == [RetryWriting(results=True)]
     assert kinds_after(1.4, 0.0) == []
     assert kinds_after(-5.0, 0.0) == [RetryWriting(results=True)]  # the clock was stepped back
-    assert kinds_after(0.05, 0.7) == []  # looked at ten times a second
 
 
 def test_what_robots_read_is_published_when_it_changes_and_for_each_run(values: Values) -> None:
@@ -608,19 +602,17 @@ def test_an_earlier_run_that_cannot_be_opened_any_more_replaces_nothing(
 
 
 def test_what_is_shown_and_checked_is_what_is_known(values: Values) -> None:
-    plan = EvidencePlan(10**9, 60.0)
     config = EngineConfig(
         *(Path("results"), DEFAULT_MAPPINGS, 5),
         competition="Autumn Cup",
         testbed="Hall A",
-        evidence=plan,
     )
     values.core = core = Core(config, MessageTypes())
     arrivals = [*skewed(-0.2), *steady(lambda at: handle(at, 3.0), 0.0)]
     for signal, at, sample, error in arrivals:
         message = RawMessage(TOPICS[signal], "", b"", 0, round((NOW + at) * 1e9))
         core.observation.sensors.receive(message, sample, error)
-    seen = evidence(problem="cannot be read")
+    seen = Evidence(problem="cannot be read")
     testbed = TestbedState(
         SourceKind.ROS,
         "hall",
@@ -657,7 +649,6 @@ def test_what_is_shown_and_checked_is_what_is_known(values: Values) -> None:
     )
     checks = {check.name: check for check in shown.checks}
     assert checks[CheckName.DISK].reason == "make room on the disk: 3 B free, 5 B needed"
-    assert checks[CheckName.EVIDENCE].state is CheckState.NO_DATA
     assert checks[CheckName.HANDLE].finding == "not yet done since the engine started"
     assert checks[CheckName.CLOCK].state is CheckState.FAILED
     assert checks[CheckName.REFEREE].finding == "node b"

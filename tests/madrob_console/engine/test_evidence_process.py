@@ -1,338 +1,132 @@
-"""Evidence over real DDS: publishers, recording process and this one."""
+"""Topics beside the run over real DDS: publishers, recording process and this one."""
 
 from __future__ import annotations
 
-import itertools
-import math
 import os
 import signal
-import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
 from rosbags.highlevel import AnyReader
 
-from madrob_console.archive.evidence import repair_evidence, settled_account
 from madrob_console.common.clock import NS
-from madrob_console.engine.runtime.evidence_client import EvidencePlace
-from madrob_console.engine.runtime.evidence_order import EvidenceOrder
-from madrob_console.engine.runtime.evidence_process import COMMAND, EvidenceProcess
+from madrob_console.engine.runtime.evidence_process import EvidenceProcess
 from madrob_console.engine.runtime.supervisor import Supervisor
-from madrob_console.referee.evidence_account import (
-    EvidenceAccount,
-    EvidenceLoss,
-)
-from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
-from madrob_console.testbeds.evidence_choice import EvidenceChoice, TopicLimit
-from recorder.bag import Durability, RawMessage, evidence_file_name
-from recorder.reader import Bag
-from recorder.writer import BagWriter
-from tests.madrob_console.ros_peer import (
-    BOOL,
-    KEPT,
-    Kind,
-    Misbehaviour,
-    Peer,
-    Stream,
-    cameras,
-    truth,
-)
+from recorder import Bag, RawMessage
+from tests.madrob_console.ros_peer import Kind, Stream, cameras
 from tests.watching import until
 
 pytestmark = pytest.mark.machine
 
 CAMERAS = Stream(Kind.JPEG, count=2, rate=20, size=50_000, reliable=True)
-LEFT = CAMERAS.topics[0]
-PLENTY = 10**12
-START = 1_700_000_000.0
-"""Of a recording, s since the epoch."""
-
-
-class Hall:
-    """A bag that is recorded into a folder, and evidence beside it."""
-
-    def __init__(self, folder: Path, evidence: EvidenceProcess) -> None:
-        self.folder = folder
-        self.evidence = evidence
-        self.steady_ns = 0
-
-    @property
-    def state(self) -> EvidenceState:
-        return self.evidence.state
-
-    def until(self, look: Callable[[EvidenceState], object]) -> EvidenceState:
-        until(lambda: look(self.state))
-        return self.state
-
-    @property
-    def account(self) -> EvidenceAccount:
-        """Of a run that starts with its recording."""
-        return self.state.account_since(START)
-
-    def topic(self, name: str = LEFT) -> EvidenceTopic:
-        found = (one for one in self.state.recorded if one.topic == name)
-        return next(found, EvidenceTopic(name, ""))
-
-    def comes(self, *names: str, rate: float = 1.0) -> None:
-        """Until something comes on these topics."""
-        self.until(
-            lambda status: all(
-                any(t.topic == name and t.rate >= rate for t in status.topics) for name in names
-            )
-        )
-
-    @contextmanager
-    def recording(
-        self, most_bytes: int = PLENTY, ended: Callable[[], object] = bool
-    ) -> Iterator[None]:
-        """As an engine records a run: the bag is there first, and closed last."""
-        with BagWriter(self.folder, [], {}):
-            self.steady_ns, monotonic = round(START * NS), time.monotonic_ns()
-            place = EvidencePlace(str(self.folder), self.steady_ns, monotonic, most_bytes, 0)
-            self.evidence.begin_recording(place)
-            yield
-            self.evidence.end_recording()
-            ended()
-        self.until(lambda status: not status.recording and not status.finishing)
-
-    def recorded(self) -> list[RawMessage]:
-        return list(Bag(self.folder, evidence=True).messages())
+LEFT, RIGHT = CAMERAS.topics
+START_NS = 1_700_000_000 * NS
+"""Steady time when a recording begins."""
 
 
 @contextmanager
-def hall(
-    tmp_path: Path, domain: int, *topics: str, command: Sequence[str] = COMMAND, **more: object
-) -> Iterator[Hall]:
-    choice = EvidenceChoice(topics or ("/camera/**",), **more)  # type: ignore[arg-type]
-    evidence = EvidenceProcess(EvidenceOrder(domain, choice, ("/madrob/own",), ()), command)
-    supervisor = Supervisor(evidence)
-    evidence.warm()
-    try:
-        yield Hall(tmp_path / "run", evidence)
-    finally:
-        evidence.close()
-        supervisor.close()
+def recording(run: Path, domain: int, *topics: str, free: int = 0) -> Iterator[EvidenceProcess]:
+    """Record beside a run until the block ends."""
+    process = EvidenceProcess(domain, topics or CAMERAS.topics, free)
+    run.mkdir(exist_ok=True)
+    with closing(Supervisor(process)):
+        process.begin_recording(run, START_NS)
+        yield process
+        process.end_recording()
+        process.wait_until_ended(20.0)
 
 
-def test_cameras_are_recorded_as_they_came_and_others_open_the_whole_bag(
-    ros_domain: int, tmp_path: Path
-) -> None:
-    with cameras(CAMERAS), hall(tmp_path, ros_domain) as here:
-        here.comes(*CAMERAS.topics)
-        with here.recording():
-            here.until(lambda _: here.topic().messages >= 40)
-        messages = here.recorded()
-        account = here.account
-    assert account.problems == ()
-    assert account.remarks() == []
+def count(process: EvidenceProcess, topic: str = LEFT) -> int:
+    topics = process.evidence.topics
+    return topics[topic].recorded if topic in topics else 0
+
+
+def recorded(run: Path) -> list[RawMessage]:
+    return list(Bag(run, evidence=True).messages())
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return tmp_path / "run"
+
+
+def test_cameras_are_recorded_whole_in_the_engines_time(ros_domain: int, run: Path) -> None:
+    with cameras(CAMERAS), recording(run, ros_domain) as process:
+        until(lambda: count(process) >= 40 and count(process, RIGHT) >= 40)
+
+    messages = recorded(run)
     counts = Counter(message.topic for message in messages)
-    assert counts == {one.topic: one.messages for one in account.topics}
-    assert set(counts) == set(CAMERAS.topics)
-    assert {message.type for message in messages} == {CAMERAS.kind.type}
+    assert counts == {name: topic.recorded for name, topic in process.evidence.topics.items()}
+    assert [*process.evidence.remarks(None)] == []
     assert all(b"\xff\xd8\xff" in message.data for message in messages)
     times = [message.receive_ns for message in messages if message.topic == LEFT]
-    span = (times[-1] - times[0]) / NS
-    assert times[0] >= here.steady_ns  # the engine's time, not this machine's
-    assert (len(times) - 1) / span == pytest.approx(CAMERAS.rate, rel=0.2)
-    with AnyReader([here.folder]) as reader:
-        seen = Counter(connection.topic for connection, _, _ in reader.messages())
-        connection = next(c for c in reader.connections if c.topic == LEFT)
-        _, _, raw = next(reader.messages([connection]))
-        picture = reader.deserialize(raw, connection.msgtype)
-    assert seen == counts
-    assert "jpeg" in str(picture)[:1000]
+    assert times[0] > START_NS
+    assert times[-1] < START_NS + 300 * NS
+    with AnyReader([run / "run_evidence"]) as reader:
+        assert reader.message_count == len(messages)
 
 
-def test_what_was_said_for_late_comers_before_the_start_is_in_every_recording(
-    ros_domain: int, tmp_path: Path, peer: Peer
+@pytest.mark.parametrize("spoil", [signal.SIGKILL, signal.SIGSTOP])
+def test_process_that_dies_or_hangs_goes_on_in_a_second_bag(
+    ros_domain: int, run: Path, spoil: signal.Signals
 ) -> None:
-    map_topic = "/hall/map_is_known"
-    latched = peer.publisher(map_topic, BOOL, KEPT)
-    latched.publish(truth(True))
-    peer.publisher("/madrob/own", BOOL).publish(truth(True))
-    with hall(tmp_path, ros_domain, "/hall/**", "/madrob/**") as here:
-        here.comes(map_topic, rate=0.1)
-        for number in range(2):
-            here.folder = tmp_path / f"run_{number}"
-            with here.recording():
-                here.until(lambda _: here.topic(map_topic).messages)
-            (message,) = here.recorded()
-            assert message.data.startswith(truth(True))
-            assert message.receive_ns >= here.steady_ns
-            topics = Bag(here.folder, evidence=True).topics()
-            (topic,) = (one for one in topics if one.name == map_topic)
-            assert topic.qos.durability is Durability.TRANSIENT_LOCAL
+    with cameras(CAMERAS), recording(run, ros_domain) as process:
+        until(lambda: count(process) >= 20)
+        before = count(process)
+        assert process.pid is not None
+
+        os.kill(process.pid, spoil)
+
+        until(lambda: process.evidence.problem)
+        problem = process.evidence.problem
+        until(lambda: count(process) >= before + 20)
+    assert problem.startswith("the evidence goes on in a new bag: it was ")
+    assert process.evidence.problem == ""
+    assert sorted(path.name for path in run.iterdir()) == ["run_evidence", "run_evidence_2"]
+    counts = Counter(message.topic for message in recorded(run))
+    assert counts[LEFT] >= count(process) >= before + 20
 
 
-AILING = (
-    sys.executable,
-    "-P",
-    "-c",
-    """
-import signal
-from madrob_console.engine.runtime.evidence_worker import main
-
-def turn_in_circles(*_):
-    while True:
-        pass
-
-signal.signal(signal.SIGUSR1, turn_in_circles)
-main()
-""",
-)
-"""The process that records evidence, which hangs when a signal says so."""
+def test_silent_topic_is_named_with_its_time(ros_domain: int, run: Path) -> None:
+    with recording(run, ros_domain, "/camera/gone") as process:
+        until(lambda: [*process.evidence.remarks(START_NS / NS)])
+    assert [*process.evidence.remarks(START_NS / NS)] == ["/camera/gone: silent since +0.0 s"]
+    assert recorded(run) == []
 
 
-def settled(folder: Path, told: EvidenceAccount) -> EvidenceAccount:
-    """What is in the files, once they are whole."""
-    repair_evidence(folder)
-    account = until(lambda: settled_account(folder, told))
-    assert account is not None
-    return account
+def test_room_of_the_run_is_left_to_it(ros_domain: int, run: Path) -> None:
+    with cameras(CAMERAS), recording(run, ros_domain, free=10**18) as process:
+        until(lambda: process.evidence.problem)
+        time.sleep(1.0)  # what would be recorded comes
+    assert process.evidence.problem.startswith("the disk has less than ")
+    assert recorded(run) == []
 
 
-WHY = {
-    signal.SIGKILL: "ended by SIGKILL",
-    signal.SIGSTOP: "it was stopped for 2 s",
-    signal.SIGUSR1: "it gave no answer for",
-}
+def test_next_run_has_a_recording_of_its_own(ros_domain: int, run: Path) -> None:
+    process = EvidenceProcess(ros_domain, CAMERAS.topics, 0)
+    runs = [run, run.with_name("next")]
+    with cameras(CAMERAS), closing(Supervisor(process)):
+        for folder in runs:
+            folder.mkdir()
+            process.begin_recording(folder, START_NS)
+            until(lambda: count(process) >= 10)
+            process.end_recording()
+            process.wait_until_ended(20.0)
+            assert len(recorded(folder)) == sum(
+                topic.recorded for topic in process.evidence.topics.values()
+            )
 
 
-@pytest.mark.parametrize(
-    ("phase", "how", "limit"),
-    [
-        *(pytest.param("records", how, math.inf, id=how.name) for how in WHY),
-        *(
-            pytest.param(phase, how, 3.0, marks=pytest.mark.slow)
-            for phase in ("listens", "begins", "records", "has ended")
-            for how in (signal.SIGKILL, signal.SIGSTOP)
-        ),
-    ],
-)
-def test_in_every_phase_a_spoilt_process_is_told_in_time_and_another_one_goes_on(
-    ros_domain: int,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    phase: str,
-    how: signal.Signals,
-    limit: float,
-) -> None:
-    monkeypatch.setattr(EvidenceProcess, "longest", 5.0)
-
-    def spoil(now: str) -> None:
-        if now == phase:
-            spoilt, began = here.evidence.pid, time.monotonic()
-            assert spoilt is not None
-            os.kill(spoilt, how)
-            here.until(lambda status: status.trouble(START) is not None)
-            assert time.monotonic() - began < limit
-            until(lambda: here.evidence.pid not in (None, spoilt))
-
-    with cameras(CAMERAS), hall(tmp_path, ros_domain, command=AILING) as here:
-        here.comes(LEFT)
-        spoil("listens")
-        with here.recording(ended=lambda: spoil("has ended")):
-            spoil("begins")
-            here.until(lambda _: here.topic().messages >= 10)
-            until(here.recorded)  # some of it is on disk
-            spoil("records")
-            before = here.topic().messages
-            here.until(lambda _: here.topic().messages >= before + 10)
-            here.until(lambda status: status.trouble(START) is None)
-        told = here.account
-    account = settled(here.folder, told)
-    assert Counter(m.topic for m in here.recorded()) == {
-        one.topic: one.messages for one in account.topics
-    }
-    assert account.gaps or phase in ("listens", "has ended")
-    if phase == "records":
-        (problem,), (gap,) = told.problems, account.gaps
-        assert WHY[how] in problem
-        times = sorted(message.receive_ns / NS - START for message in here.recorded())
-        pause = max(itertools.pairwise(times), key=lambda two: two[1] - two[0])
-        assert gap.begin <= pause[0] + 0.005  # it is told in hundredths
-        assert gap.end is not None
-        assert gap.end >= pause[1] - 0.2  # until all cameras are back
-        assert (here.folder / evidence_file_name("run", 1)).is_file()
-
-
-def test_the_end_of_an_engine_waits_for_no_process_that_was_stopped(
-    ros_domain: int, tmp_path: Path
-) -> None:
-    with hall(tmp_path, ros_domain) as here:
-        here.until(lambda status: status.ready)
-        begin = time.monotonic()
-        assert here.evidence.pid is not None
-        os.kill(here.evidence.pid, signal.SIGSTOP)
-        here.evidence.close()
-        assert time.monotonic() - begin < 6
-
-
-WITHOUT_POSES = (
-    sys.executable,
-    "-P",
-    "-c",
-    """
-import sys
-sys.modules["geometry_msgs"] = None  # as if it were not installed
-from madrob_console.engine.runtime.evidence_worker import main
-main()
-""",
-)
-
-
-def test_of_publishers_that_go_wrong_each_is_named_and_no_other_topic_pays(
-    ros_domain: int, tmp_path: Path
-) -> None:
-    def stream(name: str, wrong: Misbehaviour = Misbehaviour.NONE) -> Stream:
-        return Stream(Kind.JPEG, f"/camera/{name}", 1, 10, 20_000, True, wrong, 8.0)
-
-    small = (
-        stream("changed", Misbehaviour.OTHER_TYPE),
-        stream("flood", Misbehaviour.FLOOD),
-        stream("gone", Misbehaviour.VANISHES),
-    )
-    pose = Stream(Kind.POSE, "/camera/pose", reliable=True)
-    huge = Stream(Kind.JPEG, "/camera/huge", 1, 10, 400_000, reliable=True)
-    good = stream("good")
-    limit = TopicLimit("/camera/flood", most_rate=20.0)
-    with (
-        cameras(*small, pose, huge, good),
-        hall(tmp_path, ros_domain, command=WITHOUT_POSES, limits=(limit,), largest=200_000) as here,
-    ):
-        here.comes(*(stream.topic for stream in (*small, good)))
-        with here.recording():
-            here.until(lambda _: "left alone" in here.topic("/camera/huge").problem)
-            here.until(lambda _: "std_msgs/msg/Header" in here.topic("/camera/changed").problem)
-            here.until(lambda _: here.topic("/camera/flood").left_out > 300)
-            here.until(lambda _: "is not installed here" in here.topic(pose.topic).problem)
-            before = here.topic("/camera/good").messages
-            here.until(lambda _: here.topic("/camera/good").messages >= before + 20)
-        topics = {one.topic.removeprefix("/camera/"): one for one in here.account.topics}
-        counts = Counter(message.topic for message in here.recorded())
-    assert topics["huge"].lost[EvidenceLoss.TOO_LARGE] >= 3
-    assert "messages of 0.4 MB are not recorded, the limit is 0.2 MB" in topics["huge"].problem
-    assert (
-        "geometry_msgs/msg/PoseStamped is not installed here: source the " in topics["pose"].problem
-    )
-    assert topics["good"].lost == {}
-    assert topics["good"].problem == ""
-    assert topics["flood"].left_out > 2 * topics["flood"].messages
-    assert counts == {f"/camera/{name}": n for name, one in topics.items() if (n := one.messages)}
-
-
-def test_without_ros_it_is_said_and_nothing_is_started_again_and_again(
-    ros_domain: int, tmp_path: Path
-) -> None:
-    misread = EvidenceOrder(ros_domain, EvidenceChoice(("/**",)), (), ("-r", "nonsense"))
-    evidence = EvidenceProcess(misread)
-    with hall(tmp_path, ros_domain) as other, closing(Supervisor(evidence)), closing(evidence):
-        evidence.warm()
-        assert "ROS does not understand" in until(lambda: evidence.state.problem or "")
-        pid = evidence.pid
-        other.until(lambda status: status.ready)
-        assert evidence.pid == pid
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # it goes on
+def test_bag_is_finished_when_the_engine_ends(ros_domain: int, run: Path) -> None:
+    process = EvidenceProcess(ros_domain, CAMERAS.topics, 0)
+    run.mkdir()
+    with cameras(CAMERAS), closing(Supervisor(process)):
+        process.begin_recording(run, START_NS)
+        until(lambda: count(process) >= 10)
+    until(lambda: Bag(run, evidence=True).complete)
+    assert len(recorded(run)) >= 20

@@ -17,7 +17,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from madrob_console.archive.run_pictures import renewed_pictures, run_pictures
+from madrob_console.archive.pictures import pictures_of
 from madrob_console.archive.scored import score_opened
 from madrob_console.cli.main import main
 from madrob_console.common.errors import MadrobError
@@ -123,15 +123,14 @@ def test_the_frames_of_instants_stay_in_the_folder_of_the_run(
         def ask(at: float) -> str:
             return reporting.frames(folder, at).result(60.0)
 
-        with pytest.raises(MadrobError, match="was recorded without evidence"):
+        with pytest.raises(MadrobError, match="no camera was recorded beside it"):
             ask(5.0)
         assert not frames.exists()
         film(folder, "/camera/front", "/camera/side")
         with pytest.raises(MadrobError, match="no frame within 1 s"):
             ask(900.0)
         assert [ask(at) for at in (5.0, 6.5)] == [str(frames)] * 2
-    renewed_pictures(folder, score_opened(folder))
-    names = [re.sub(r"_\d+_ms(_later|_earlier)?[.]", ".", path.name) for path in frames.iterdir()]
+    names = [re.sub(r"_\d+_ms_(later|earlier)[.]", ".", path.name) for path in frames.iterdir()]
     assert sorted(names) == [
         f"01_at_{at}_s_camera_{camera}.jpg"
         for at in ("5_000", "6_500")
@@ -160,10 +159,10 @@ def test_report_and_pages_follow_every_result_as_madrob_report_makes_them(tmp_pa
         drive.engine.close()
         assert "PROTESTED" in published()
     page, scored = (drive.folder / "report.html").read_text(), score_opened(drive.folder)
-    place, seen = RelatedRuns().place_of(drive.folder, scored), run_pictures(drive.folder, scored)
+    place, seen = RelatedRuns().place_of(drive.folder, scored), pictures_of(drive.folder, scored)
     assert page == report_html(scored, software_version(), place, seen)
     assert "PROTESTED" in page
-    assert page.count("<img ") == len(seen.files) > 0
+    assert page.count("<img ") == len(seen) > 0
 
 
 @pytest.mark.machine
@@ -260,7 +259,7 @@ def test_a_run_cuts_a_chore_short_which_is_done_again_after_it(folder: Path) -> 
             reporting.hold(held=True)
             until(lambda pid=pid: not alive(pid))  # type: ignore[misc]
             assert reporting.problem is None
-            assert {path.name for path in folder.iterdir()} - before <= {report.name, "pictures"}
+            assert {path.name for path in folder.iterdir()} - before <= {report.name}
             reporting.hold(held=False)
         os.kill(begun(), signal.SIGKILL)
         told = "no reports, pages and zips: it was ended by SIGKILL; it is tried again"

@@ -11,7 +11,6 @@ import pytest
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core.event_log import KEPT_LINES, EventLog
-from madrob_console.engine.core.evidence_notes import EvidenceNotes
 from madrob_console.engine.core.run_faults import RunFaults
 from madrob_console.engine.core.run_tracker import (
     MOST_FALSE_STARTS,
@@ -23,8 +22,6 @@ from madrob_console.engine.core.sensors import Sensors
 from madrob_console.engine.snapshot import DoorView, HandleView, LatchView, Weight
 from madrob_console.messages.codec import ROBOT_FINISHED_TOPIC, ROBOT_STARTED_TOPIC
 from madrob_console.messages.mapping import DEFAULT_MAPPINGS
-from madrob_console.referee.evidence_account import EvidenceGap
-from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.records import FaultKind
@@ -402,59 +399,6 @@ def test_a_trouble_is_noted_when_it_lasts_and_counted_up_to_the_end(
     assert [fault.text for fault in notes.all()] == faults
     first = [fault for found in due.values() for fault in found][:1]
     assert all(fault == Noted(NOW, fault.text, fault.kind) for fault in first)
-
-
-def evidence(
-    gaps: Sequence[EvidenceGap] = (), silent: float | None = None, problem: str = ""
-) -> EvidenceState:
-    topics = [
-        EvidenceTopic(name, "sensor_msgs/msg/Image", problem=problem, silent_since=silent)
-        for name in ("/left", "/right")
-    ]
-    return EvidenceState(recording=True, recorded=tuple(topics), gaps=tuple(gaps))
-
-
-GAP = EvidenceGap(NOW + 2.0, None, "its process ended")
-
-OVER = replace(GAP, end=NOW + 3.0)
-
-
-@pytest.mark.parametrize(
-    ("course", "words"),
-    [
-        ([(0.0, evidence()), (1.0, evidence())], []),
-        (
-            [(2.5, evidence([GAP])), (2.6, evidence([GAP])), (3.0, evidence([OVER]))],
-            [
-                "nothing is recorded since +2.0 s: its process ended",
-                "recorded again, missing from +2.0 s to +3.0 s",
-            ],
-        ),
-        (
-            [(3.0, evidence([OVER])), (3.1, evidence([OVER]))],
-            [
-                "nothing is recorded since +2.0 s: its process ended",
-                "recorded again, missing from +2.0 s to +3.0 s",
-            ],
-        ),
-        (
-            [(4.0, evidence(silent=NOW + 3.0)), (5.0, evidence(silent=NOW + 3.0)), (6, evidence())],
-            [
-                "/left, /right: silent since +3.0 s",
-                "/left, /right: comes again, silent since +3.0 s",
-            ],
-        ),
-        (
-            [(at, evidence(problem="cannot be read")) for at in (0.0, 0.4, 0.5, 9.0)],
-            ["/left, /right: cannot be read"],
-        ),
-    ],
-)
-def test_the_journal_says_of_the_evidence_what_begins_and_what_ends_once(
-    course: list[tuple[float, EvidenceState]], words: list[str]
-) -> None:
-    notes = EvidenceNotes()
-    assert [line for at, state in course for line in notes.due(state, NOW, NOW + at)] == words
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,6 @@ from unittest.mock import Mock
 import jsonschema
 import pandas as pd
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.rosbag2 import Reader
@@ -33,21 +32,14 @@ from madrob_console.common.file_locks import Hold
 from madrob_console.common.names import terminal_safe
 from madrob_console.export import pack, zip_file
 from madrob_console.export.contents import file_name, team_contents
-from madrob_console.export.packed_bag import BagParts
+from madrob_console.export.pack import BagParts
 from madrob_console.export.papers import protests_text
 from madrob_console.export.zip_file import LONGEST_PATH
-from madrob_console.referee.evidence_account import (
-    EvidenceAccount,
-    EvidenceGap,
-    EvidenceLoss,
-    RecordedTopic,
-)
+from madrob_console.referee.evidence import Evidence, EvidenceTopic
 from madrob_console.referee.journal import HOLD_FILE
 from madrob_console.referee.protests import Protest
-from madrob_console.referee.records import RemovedEvidence
 from madrob_console.referee.run import Run
 from madrob_console.testbeds.simulated import Scenario
-from recorder.bag import evidence_file_name, is_evidence
 from recorder.reader import Bag
 from scoring.protocol import Outcome
 from tests.madrob_console.cli.typed import Madrob
@@ -216,33 +208,26 @@ def bag_of(folder: Path, *numbers: int) -> int:
 
 
 @pytest.mark.parametrize("evidence", [True, False])
-def test_evidence_is_packed_or_left_out_and_metadata_lists_what_is_there(
+def test_evidence_is_packed_or_left_out_and_the_bag_reads_the_same(
     *, evidence: bool, root: Path, tmp_path: Path, madrob: Madrob
 ) -> None:
     run = folders(root)[0]
-    count = bag_of(run, 0, 1)
+    count = bag_of(run, 1, 2)
     said = madrob.say(TEAM_3, root, *([] if evidence else ["--without-evidence"]))
-    note = (
-        r"madrob: note: packing 0\.\d MB, 0\.\d MB of it evidence "
-        r"\(--without-evidence leaves that out\)\n"
-    )
-    assert re.fullmatch(note if evidence else "", said.err)
     there = unpacked(Path(said.out.splitlines()[-1]), tmp_path / "there")
-    names = [f"{run.name}_0.mcap", *(f"{run.name}_evidence_{n}.mcap" for n in (0, 1))]
-    listed = yaml.safe_load((there / run.name / "metadata.yaml").read_text())
-    files = listed["rosbag2_bagfile_information"]["relative_file_paths"]
     with Reader(there / run.name) as reader:
-        found = files, sum(1 for _ in reader.messages())
-    assert found == ((names, 3 * count) if evidence else (names[:1], count))
-    assert bool(list(there.rglob("*evidence*"))) == evidence
+        assert sum(1 for _ in reader.messages()) == count
+    bags = [f"{run.name}_evidence", f"{run.name}_evidence_2"] if evidence else []
+    assert sorted(path.name for path in (there / run.name).glob("*evidence*")) == bags
+    for bag in bags:
+        with Reader(there / run.name / bag) as reader:
+            assert sum(1 for _ in reader.messages()) == len(FRAMES)
     text = (there / "README.txt").read_text()
-    assert (f"  {run.name}_evidence_0.mcap: evidence: cameras and" in text) == evidence
     left_out = "NOT IN THIS ARCHIVE\n  the evidence was left out on demand\n"
     assert (left_out in text) != evidence
     plain = read(export(root, bags=False).path)
     assert not any("evidence" in name for name in plain)
-    both = b"the recording was left out on demand\n  the evidence was left out"
-    assert both in plain["README.txt"]
+    assert b"the recordings were left out on demand" in plain["README.txt"]
 
 
 def test_only_reports_of_the_runs_as_they_are_now_are_packed(root: Path) -> None:
@@ -333,20 +318,11 @@ SPOILT: dict[str, tuple[Spoil, list[str]]] = {
         ),
         [": its name cannot be unpacked everywhere: rename it"] * len(UNSAFE),
     ),
-    "no files": (lambda run: list(map(Path.unlink, run.iterdir())), []),
+    "no files": (
+        lambda run: list(map(Path.unlink, filter(Path.is_file, run.rglob("*")))),
+        [],
+    ),
     "an old recording": (lambda run: os.utime(next(run.glob("*_0.mcap")), (0, 0)), []),
-    "evidence that is garbage": (
-        lambda run: (run / evidence_file_name(run.name, 1)).write_bytes(b"garbage"),
-        [": is evidence that is not whole: `madrob recover` repairs it, then export again"],
-    ),
-    "evidence without a byte": (
-        lambda run: (run / evidence_file_name(run.name, 1)).touch(),
-        [],
-    ),
-    "evidence torn": (
-        lambda run: (run / f"{evidence_file_name(run.name, 0)}.torn").write_bytes(b"torn"),
-        [],
-    ),
 }
 
 
@@ -355,7 +331,7 @@ def test_what_is_spoilt_or_not_of_the_run_is_named_and_the_rest_is_packed(
     case: str, root: Path
 ) -> None:
     first, *others = folders(root)
-    bag_of(first, 0)
+    bag_of(first, 1)
     spoil, problems = SPOILT[case]
     spoil(first)
     exported = export(root)
@@ -376,8 +352,8 @@ def test_what_is_spoilt_or_not_of_the_run_is_named_and_the_rest_is_packed(
         f"{first.name}/{name}" for name in own.get(case, [])
     ]
     assert all(packed[f"{first.name}/{t.name}"] == t.read_bytes() for t in first.glob("*State.csv"))
-    evidence = [name for name in packed if is_evidence(name)]
-    assert len(evidence) == (0 if case == "no files" else 1)
+    evidence = [name for name in packed if "_evidence/" in name]
+    assert len(evidence) == (0 if case == "no files" else 2)
     told = {name: hashlib.sha256(data).hexdigest() for name, data in packed.items()}
     del told["SHA256SUMS"]
     assert sorted(sums) == sorted(f"{digest}  {name}" for name, digest in told.items())
@@ -466,10 +442,6 @@ def test_a_file_beyond_the_limits_of_old_zips_is_packed(
     assert read(export(root).path) == plain
 
 
-CAMERA = RecordedTopic("/camera/c1", "raw/Type", 90, 4_000_000, 0, {EvidenceLoss.BEHIND: 14})
-
-
-GAPS = EvidenceGap(6.7, 8.6, "the process ended"), EvidenceGap(20.0, None, "the disk")
 SETUP = make_setup()
 
 
@@ -479,19 +451,12 @@ def filed(about: str) -> Protest:
 
 PROTESTS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
     "evidence is missing": (
-        {"evidence": EvidenceAccount((CAMERA,), gaps=GAPS)},
+        {"evidence": Evidence({"/camera/c1": EvidenceTopic(90, 14, 103.0)}), "start": 100.0},
         (
-            "Evidence: 1 topic, 90 messages, 4.0 MB, at least 14 lost, missing from +6.7 s to",
-            "  missing from +6.7 s to +8.6 s, from +20.0 s to the end",
-            "  /camera/c1: at least 14 lost (14 behind)",
+            "Evidence: 1 topic, 90 messages, 14 lost",
+            "  /camera/c1: 14 messages lost",
+            "  /camera/c1: silent since +3.0 s",
         ),
-    ),
-    "evidence was removed": (
-        {
-            "evidence": EvidenceAccount((CAMERA,)),
-            "removed_evidence": (RemovedEvidence(0.0, 1, 5),),
-        },
-        ("  removed on 1970-01-01 00:00:00 UTC",),
     ),
     "a time is told once": (
         {"protests": (filed("7.500 s"), filed("step 4")), "start": 100.0},

@@ -16,7 +16,6 @@ from madrob_console.referee.checks import (
     preflight,
 )
 from madrob_console.referee.competition_plan import Plan
-from madrob_console.referee.evidence_state import EvidenceState, EvidenceTopic
 from madrob_console.referee.records import CheckName, Waiver
 from madrob_console.referee.run import Phase, Run
 from madrob_console.referee.team_list import TeamList
@@ -45,9 +44,6 @@ WELL = Readings(
 )
 READY = Run(Phase.READY, SETUP, pose_confirmed=True, handle_zero=5.9)
 OFFICIAL = replace(SETUP, practice=False)
-CAMERA = EvidenceTopic("/camera", "sensor_msgs/msg/Image", rate=10.0)
-QUIET = replace(CAMERA, topic="/tf", rate=0.0)
-SEEN = EvidenceState(ready=True, topics=(CAMERA,), room=10**9, lasts=1000.0)
 OK, WARNING, FAILED, NO_DATA, WAIVED = CheckState
 Found = tuple[CheckState, str]
 """State and reason: what to do first."""
@@ -65,13 +61,8 @@ def state(name: CheckName, run: Run, **changes: object) -> CheckState:
     return verdict[0]
 
 
-def evidence(now: EvidenceState | None, least: float | None = 60.0) -> dict[str, object]:
-    return {"evidence": now, "least_evidence": least}
-
-
 N = CheckName
 AGAIN = "zero the handle again: "
-ROOM = "make room for evidence (`madrob guide testbed`): "
 
 
 @pytest.mark.parametrize(
@@ -198,76 +189,6 @@ ROOM = "make room for evidence (`madrob guide testbed`): "
             N.TEAM,
             {"teams": TeamList({9: "Graz"})},
             (FAILED, "correct the team, or waive the check: 3 is not in the list"),
-        ),
-        (N.EVIDENCE, evidence(SEEN, None), None),
-        (
-            N.EVIDENCE,
-            evidence(None),
-            (OK, "none: a testbed simulated in this process has no ROS topics"),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(replace(SEEN, problem="no room")),
-            (FAILED, "evidence: no room"),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(replace(SEEN, ready=False)),
-            (NO_DATA, "wait: the evidence's topics are not all discovered yet"),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(replace(SEEN, room=None)),
-            (NO_DATA, "look at the results folder: room for evidence unknown"),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(SEEN),
-            (OK, "1 topic, room for 17 min at the rate of now"),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(replace(SEEN, topics=(CAMERA, QUIET), missing=("/left: no publisher",))),
-            (
-                WARNING,
-                (
-                    "/left: no publisher; /tf: nothing comes now; 1 topic, "
-                    "room for 17 min at the rate of now"
-                ),
-            ),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(replace(SEEN, topics=(), lasts=None)),
-            (WARNING, "0 topics, room for 1.0 GB"),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(replace(SEEN, room=0, lasts=None)),
-            (FAILED, f"{ROOM}1 topic, room for 0 B"),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(replace(SEEN, room=0, lasts=None), 0.0),
-            (OK, "1 topic, room for 0 B"),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(replace(SEEN, lasts=59.0)),
-            (FAILED, f"{ROOM}room for 59 s at the rate of now, 60 s needed"),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(replace(SEEN, lasts=60.0)),
-            (
-                WARNING,
-                "1 topic, room for 60 s at the rate of now: a run may take 5 min",
-            ),
-        ),
-        (
-            N.EVIDENCE,
-            evidence(replace(SEEN, lasts=300.0)),
-            (OK, "1 topic, room for 5 min at the rate of now"),
         ),
     ],
 )

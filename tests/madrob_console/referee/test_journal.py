@@ -23,7 +23,7 @@ from madrob_console.archive.unfinished_runs import is_held
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.referee.acts import Finalise, SetUp, Situation, act_details
-from madrob_console.referee.evidence_account import EvidenceAccount
+from madrob_console.referee.evidence import Evidence, EvidenceTopic
 from madrob_console.referee.flags import (
     LONGEST_WORDS,
     Flag,
@@ -43,7 +43,6 @@ from madrob_console.referee.records import (
     Incident,
     IncidentKind,
     Reissuing,
-    RemovedEvidence,
     TeamWord,
     Voiding,
     Waiver,
@@ -51,7 +50,7 @@ from madrob_console.referee.records import (
 )
 from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.referee.run import Phase, Run
-from scoring.events import Evidence
+from scoring.events import Evidence as Observed
 from scoring.procedure import Ruling, StepRecord, follow_procedure
 from scoring.protocol import EventName, LockDetection, Outcome, Signal, Step
 from scoring.quality import Quality, SignalQuality
@@ -222,7 +221,6 @@ STOPPED = [
         details={"outcome": "completed", "time": 19.0},
     ),
 ]  # fmt: skip
-NO_EVIDENCE: dict[str, Any] = {"topics": [], "problems": ["no room"]}
 
 
 def told(what: str, reason: str = "", **details: Any) -> Entry:  # noqa: ANN401
@@ -253,16 +251,8 @@ def told(what: str, reason: str = "", **details: Any) -> Entry:  # noqa: ANN401
         ([*STOPPED, told(Change.UNRECORDED, messages=3)], {"unrecorded": 3}),
         ([*STOPPED, told(Change.UNRECORDED, messages=-3)], {"unrecorded": 0}),
         (
-            [*STOPPED, told(Change.EVIDENCE_REMOVED, files=["a", "b"], bytes=5)],
-            {"removed_evidence": (RemovedEvidence(21.0, 2, 5),)},
-        ),
-        (
-            [*STOPPED, told(Change.EVIDENCE_REMOVED, files=[], bytes=0)],
-            {"removed_evidence": (RemovedEvidence(21.0, 0, 0),)},
-        ),
-        (
-            [*STOPPED, told(Change.EVIDENCE_RECORDED, **NO_EVIDENCE, file_bytes=7)],
-            {"evidence": EvidenceAccount((), ("no room",), file_bytes=7)},
+            [*STOPPED, told(Change.EVIDENCE_RECORDED, topics={"/tf": {"recorded": 7, "lost": 1}})],
+            {"evidence": Evidence({"/tf": EvidenceTopic(7, 1)})},
         ),
         ([*STOPPED, told(Change.RESULT_WRITTEN, issue=2)], {"issue": 2}),
         (
@@ -370,9 +360,9 @@ def waived(*checks: CheckName) -> tuple[Waiver, ...]:
 
 def locking(mode: LockDetection, *rulings: Ruling) -> tuple[StepRecord, ...]:
     """Five steps done; only the referee can say whether the door is locked."""
-    evidence = Evidence(100.0, 150.0, None, (), None, (), latch_before_start=False, crossed=None)
+    observed = Observed(100.0, 150.0, None, (), None, (), latch_before_start=False, crossed=None)
     every = (*(ruled(step, True) for step in list(Step)[:5]), *rulings)
-    return follow_procedure(evidence, lock_detection=mode, settle_time=1.0, rulings=every).steps
+    return follow_procedure(observed, lock_detection=mode, settle_time=1.0, rulings=every).steps
 
 
 def a_signal(signal: Signal = Signal.DOOR, gap: float = 0.021) -> SignalQuality:

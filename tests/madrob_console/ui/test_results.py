@@ -14,7 +14,6 @@ from rich.cells import cell_len
 from textual.widgets import Input
 
 from madrob_console.common.errors import MadrobError
-from madrob_console.common.formatting import date_of
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.requests import ExportDossier
 from madrob_console.engine.snapshot import Pulse
@@ -26,10 +25,9 @@ from madrob_console.referee.acts import (
     Rule,
     WithdrawProtest,
 )
-from madrob_console.referee.evidence_account import EvidenceAccount, RecordedTopic
 from madrob_console.referee.flags import FlagWeight
 from madrob_console.referee.protests import ProtestEnd
-from madrob_console.referee.records import RemovedEvidence, Voiding
+from madrob_console.referee.records import Voiding
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.referee.team_list import TeamList
 from madrob_console.ui.cells.lines import Tone, plain
@@ -68,7 +66,7 @@ from tests.madrob_console.ui.driver import (
     sets,
     showing,
 )
-from tests.madrob_console.ui.inline_engine import FOLDER, HandEngine, at_rest, finished, measured_as
+from tests.madrob_console.ui.inline_engine import FOLDER, HandEngine, at_rest, measured_as
 from tests.madrob_console.ui.prepared import indicators
 
 TIME = IndicatorName.EXECUTION_TIME
@@ -205,23 +203,6 @@ def test_a_difference_says_whether_it_is_better(
     known = None if expanded is None else Uncertainty(expanded / 2, expanded)
     _, _, difference = compared(name, value, known, earlier, 1 if expanded is not None else 2)
     assert (" ".join(difference.text.split()), difference.tone) == (words, tone)
-
-
-@pytest.mark.parametrize("width", [SMALL[0], LARGE[0]])
-def test_evidence_that_was_removed_is_not_shown_as_if_it_were_there(width: int) -> None:
-    snapshot = finished()
-    topic = RecordedTopic("/cam", "sensor_msgs/msg/Image", messages=881, bytes=34_300_000)
-    words = "1 topic, 881 messages, 34.3 MB"
-    for removed, end in (
-        ((), words),
-        (
-            (RemovedEvidence(1.7e9, 1, 34_300_000),),
-            f"{words}; removed on {date_of(1.7e9)}",
-        ),
-    ):
-        run = replace(snapshot.run, evidence=EvidenceAccount((topic,)), removed_evidence=removed)
-        told = plain(ResultDetails().draw_lines(replace(snapshot, run=run), width))
-        assert " ".join(told.split()).endswith(end)
 
 
 # What is doubted, and how far values can be trusted.

@@ -3,9 +3,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable
 from operator import attrgetter
 from pathlib import Path
 
@@ -22,30 +20,23 @@ from madrob_console.messages.codec import (
 )
 from madrob_console.messages.types import MessageTypes
 from madrob_console.testbeds.announcement import INFO_TOPIC, INFO_TYPE, SILENT, info_text
-from madrob_console.testbeds.evidence_choice import EvidenceChoice
-from madrob_console.testbeds.ros import intake
 from madrob_console.testbeds.ros.connection import RosObject, load_message_class, load_module
 from madrob_console.testbeds.ros.door_parameters import door_parameters
-from madrob_console.testbeds.ros.evidence_intake import EvidenceIntakes
 from madrob_console.testbeds.ros.intake import LossCounter
 from madrob_console.testbeds.ros.ros_source import Mailbox
-from madrob_console.testbeds.ros.subscriptions import QosSwitch, qos_profile
+from madrob_console.testbeds.ros.subscriptions import qos_profile
 from madrob_console.testbeds.ros.types import describe_installed, find_definition, prefixes
 from madrob_console.testbeds.ros.watches import console_name, second_referee
-from recorder.bag import Durability, Qos, RawMessage
+from recorder.bag import Durability, RawMessage
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose
 from tests.madrob_console import said
 from tests.madrob_console.ros_peer import (
-    BEST_EFFORT,
     BOOL,
     KEPT,
-    RELIABLE,
     TYPES,
     Peer,
     Taker,
-    install_first,
     source,
-    truth,
 )
 from tests.watching import PATIENCE, until
 
@@ -446,135 +437,3 @@ def test_a_node_that_hangs_is_named_and_asked_again(taker: Taker, peer: Peer) ->
 
 
 HEADER = "std_msgs/msg/Header"
-
-
-class Listening:
-    """Intakes, and what they have taken by topic."""
-
-    def __init__(self, domain: int, *topics: str) -> None:
-        choice = EvidenceChoice(topics)
-        self.intakes = EvidenceIntakes(
-            domain, choice, ("/hall/own",), environment=os.environ, name="listens"
-        )
-        self.taken: dict[str, list[bytes]] = {}
-
-    def look(self, *, recording: bool = False) -> None:
-        self.intakes.discover(recording=recording)
-        for taken in self.intakes.take_messages(time.time_ns):
-            self.taken.setdefault(taken.topic.name, []).extend(m.data for m in taken.messages)
-
-    def hears(self, publisher: RosObject, value: object) -> bool:
-        """Whether anything of a publisher has come, that says something now."""
-        publisher.publish(value)
-        self.look()
-        return publisher.topic_name in self.taken
-
-    def looked(self, topic: str) -> str:
-        """What is wrong with a topic, after one more look."""
-        self.look()
-        return self.problem(topic)
-
-    def problem(self, topic: str) -> str:
-        return next((f.problem for f in self.intakes.topics() if f.topic == topic), "not there")
-
-    def qos(self, topic: str) -> Qos | None:
-        self.look()
-        known = self.intakes._intakes[topic].topic
-        return None if known is None else known.qos
-
-
-@pytest.fixture
-def listen(ros_domain: int) -> Iterator[Callable[..., Listening]]:
-    """Listens to topics, until the end."""
-    with ExitStack() as stack:
-
-        def begin(*topics: str) -> Listening:
-            listening = Listening(ros_domain, *topics)
-            stack.callback(listening.intakes.close)
-            return listening
-
-        yield begin
-
-
-def test_each_topic_is_asked_for_as_its_publishers_offer_it(
-    listen: Callable[..., Listening], peer: Peer
-) -> None:
-    here = listen("/hall/**")
-    offered = {"/hall/reliable": RELIABLE, "/hall/lossy": BEST_EFFORT, "/hall/kept": KEPT}
-    senders = [peer.publisher(name, BOOL, qos) for name, qos in offered.items()]
-    own = peer.publisher("/hall/own", BOOL)
-    peer.until(lambda: all([here.hears(sender, truth(True)) for sender in (*senders, own)][:-1]))
-    assert set(here.taken) == set(offered)
-    assert {name: here.qos(name) for name in offered} == offered
-    late = peer.publisher("/hall/reliable", BOOL, BEST_EFFORT)
-    peer.until(lambda: here.qos("/hall/reliable") == BEST_EFFORT)
-    here.taken.clear()
-    peer.until(lambda: here.hears(late, truth(False)))
-
-
-def test_a_type_stays_while_it_is_recorded_and_changes_between_runs(
-    listen: Callable[..., Listening], peer: Peer
-) -> None:
-    here = listen("/hall/state")
-    first = peer.publisher("/hall/state", BOOL)
-    peer.until(lambda: not here.looked("/hall/state"))
-    peer.own.destroy_publisher(first)
-    peer.publisher("/hall/state", HEADER)
-
-    def changed() -> bool:
-        here.look(recording=True)
-        return "its type has become std_msgs/msg/Header" in here.problem("/hall/state")
-
-    peer.until(changed)
-    peer.until(lambda: not here.looked("/hall/state"))
-    assert {flow.type for flow in here.intakes.topics()} == {HEADER}
-
-
-def test_evidence_of_another_version_of_its_type_is_named_and_not_recorded(
-    listen: Callable[..., Listening],
-    peer: Peer,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    install_first(tmp_path, HEADER, "string frame_id\n", monkeypatch)
-    here = listen("/hall/**")
-    other, good = peer.publisher("/hall/other", HEADER), peer.publisher("/hall/good", BOOL)
-    peer.until(lambda: here.hears(good, truth(True)) and here.problem("/hall/other"))
-    assert not here.hears(other, load_message_class(HEADER)())
-    assert here.problem("/hall/good") == ""
-    assert here.problem("/hall/other") == (
-        f"not recorded: its publisher has another version of {HEADER}: "
-        "install the same version of the package on both machines"
-    )
-
-
-def test_a_topic_on_which_ros_fails_is_named_and_ends_no_other(
-    listen: Callable[..., Listening], peer: Peer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Failing(QosSwitch):
-        def listen(self, qos: object, publishers: int) -> None:
-            if self._name == "/hall/bad":
-                raise RuntimeError("no such thing\nas a subscription")
-            super().listen(qos, publishers)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(intake, "QosSwitch", Failing)
-    here = listen("/hall/**")
-    bad, good = (peer.publisher(f"/hall/{name}", BOOL) for name in ("bad", "good"))
-    failed = "ROS fails (no such thing)"
-    peer.until(lambda: here.hears(good, truth(True)) and here.problem("/hall/bad") == failed)
-    assert not here.hears(bad, truth(True))
-    assert here.problem("/hall/good") == ""
-
-
-def test_what_nobody_publishes_and_what_has_gone_is_known(
-    listen: Callable[..., Listening], peer: Peer
-) -> None:
-    here = listen("/hall/named", "/hall/never", "/hall/own", "/none/**")
-    sender = peer.publisher("/hall/named", BOOL)
-    peer.until(lambda: here.looked("/hall/named") == "nothing has come")
-    assert here.intakes.unseen == ("/hall/never", "/none/**")
-    peer.until(lambda: here.hears(sender, truth(True)))
-    assert here.problem("/hall/named") == ""
-    peer.own.destroy_publisher(sender)
-    peer.until(lambda: here.looked("/hall/named") == "" and here.intakes.topics()[0].silent)
-    assert "/hall/named" not in here.intakes.unseen
