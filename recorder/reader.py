@@ -118,7 +118,8 @@ class Bag:
                 return
             self._outlines[path] = outline
             self.records |= outline.records
-            self._topics = outline.topics | self._topics
+            for name, topic in outline.topics.items():
+                self._topics.setdefault(name, topic)
             lost = outline.records.get(RECOVERY_RECORD, {}).get("problem")
             for problem in (lost, *outline.problems):
                 self._note_problem(path, problem)

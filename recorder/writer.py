@@ -193,15 +193,6 @@ class BagWriter:
             self._add_cost(len(topic.definition) + _OVERHEAD_BYTES)
             return True
 
-    def add_record(self, name: str, record: Mapping[str, str]) -> bool:
-        """Add a metadata record; False when not recording."""
-        with self._changed:
-            if not self._is_accepting:
-                return False
-            self._waiting.records[name] = dict(record)
-            self._add_cost(_OVERHEAD_BYTES)
-            return True
-
     def stats(self) -> RecorderStats:
         now = self._clock()
         with self._changed:

@@ -59,32 +59,6 @@ def write_new_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> Non
         atomic_writes(part, files)
 
 
-def replaced_folder(path: Path, files: Mapping[str, bytes | memoryview]) -> None:
-    """Replace a folder by one with these files.
-
-    After an interruption the folder is as it was before, or missing, but never partly filled; the
-    next replacement removes what that has left. MadrobError while another program replaces it.
-    """
-    new = path.with_name(f".{path.name}.part")
-    old = path.with_name(f".{path.name}.old.part")
-    try:
-        with _filled_folder(new):
-            atomic_writes(new, files)
-            shutil.rmtree(old, ignore_errors=True)
-            with suppress(FileNotFoundError):
-                path.rename(old)
-            try:
-                new.rename(path)
-            except OSError:
-                with suppress(OSError):
-                    old.rename(path)
-                raise
-            _sync_folder(path.parent)
-            shutil.rmtree(old, ignore_errors=True)
-    except OSError as error:
-        raise _refused(path, error) from None
-
-
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
     """Fill a new folder atomically; the yielded path is where the files go until then.

@@ -7,7 +7,6 @@ about fields.
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Sequence
 from contextlib import suppress
 
@@ -274,23 +273,6 @@ def _find_limits(field: MessageField, types: MessageTypes) -> list[MessageField]
         if len(limits) == len(names):
             return limits
     return []
-
-
-HEAD = 12
-"""Size of the stamp in bytes: four of encapsulation, then seconds and nanoseconds."""
-
-_CODES = {b"\x00\x00": struct.Struct(">iI"), b"\x00\x01": struct.Struct("<iI")}
-
-
-def header_stamp(data: bytes) -> float | None:
-    """Return the header's stamp in s since the epoch, from the first `HEAD` bytes; None = none."""
-    code = _CODES.get(data[:2])
-    if code is None or len(data) < HEAD:
-        return None
-    sec, nanosec = code.unpack_from(data, 4)
-    if nanosec >= NS or sec < 0 or (sec == 0 and nanosec == 0):  # the last: never set
-        return None
-    return float(sec + nanosec / NS)
 
 
 REFEREE_STATE_TOPIC = "/madrob/referee/state"

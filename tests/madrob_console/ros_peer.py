@@ -203,7 +203,6 @@ def flood(topics: int, messages: int, rate: float) -> None:
 _FRAMES = 12
 """Messages of a topic that are made; then they begin anew."""
 _OTHER_TYPE = "std_msgs/msg/Header"
-_FLOOD_RATE = 1000.0
 
 
 class Kind(StrEnum):
@@ -219,15 +218,6 @@ class Kind(StrEnum):
         return self.value
 
 
-class Misbehaviour(StrEnum):
-    """What a stream does wrong from some second on."""
-
-    NONE = "none"
-    OTHER_TYPE = "other_type"  # std_msgs/msg/Header under the same name
-    FLOOD = "flood"  # 1 kHz
-    VANISHES = "vanishes"  # its publishers are gone
-
-
 @dataclass(frozen=True, slots=True)
 class Stream:
     """Some topics alike.
@@ -239,8 +229,6 @@ class Stream:
         rate: messages/s of each.
         size: about the bytes of a picture.
         reliable: whether DDS sends again what was lost.
-        misbehaviour: what it does wrong `after` seconds.
-        after: see there.
     """
 
     kind: Kind = Kind.JPEG
@@ -249,8 +237,6 @@ class Stream:
     rate: float = 30.0
     size: int = 200_000
     reliable: bool = False
-    misbehaviour: Misbehaviour = Misbehaviour.NONE
-    after: float = 0.0
 
     @property
     def topics(self) -> list[str]:
@@ -290,7 +276,6 @@ class _Sender:
         self._topic = topic
         noise = np.random.default_rng(zlib.crc32(topic.encode()))
         self._messages = [_message(stream, noise) for _ in range(_FRAMES)]
-        self._wrong = stream.misbehaviour is Misbehaviour.NONE
         self.rate = stream.rate
         self._sent = 0
         self.publisher: RosObject = self._publisher(stream.kind)
@@ -299,25 +284,12 @@ class _Sender:
         reliability = Reliability.RELIABLE if self._stream.reliable else Reliability.BEST_EFFORT
         return self._peer.publisher(self._topic, type_name, Qos(reliability))
 
-    def send(self, elapsed: float) -> None:
+    def send(self) -> None:
         """Publish the next one."""
-        if not self._wrong and elapsed >= self._stream.after:
-            self._go_wrong(self._stream.misbehaviour)
-        if self.publisher is not None:
-            data = self._messages[self._sent % len(self._messages)]
-            stamp = struct.pack("<iI", *divmod(time.time_ns(), NS))
-            self.publisher.publish(data[:4] + stamp + data[12:])
-            self._sent += 1
-
-    def _go_wrong(self, misbehaviour: Misbehaviour) -> None:
-        self._wrong = True
-        if misbehaviour is Misbehaviour.FLOOD:
-            self.rate = _FLOOD_RATE
-            return
-        self._peer.own.destroy_publisher(self.publisher)
-        other = misbehaviour is Misbehaviour.OTHER_TYPE
-        self.publisher = self._publisher(_OTHER_TYPE) if other else None
-        self._messages = [TYPES.encode(_OTHER_TYPE, _HEADER)]
+        data = self._messages[self._sent % len(self._messages)]
+        stamp = struct.pack("<iI", *divmod(time.time_ns(), NS))
+        self.publisher.publish(data[:4] + stamp + data[12:])
+        self._sent += 1
 
 
 def publish(peer: Peer, streams: Sequence[Stream], stop: threading.Event) -> None:
@@ -331,7 +303,7 @@ def publish(peer: Peer, streams: Sequence[Stream], stop: threading.Event) -> Non
         at, topic = due[0]
         if (left := at - time.monotonic()) > 0:
             time.sleep(left)
-        senders[topic].send(at - begin)
+        senders[topic].send()
         heapq.heapreplace(due, (at + 1 / senders[topic].rate, topic))
 
 

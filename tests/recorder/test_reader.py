@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import shutil
-import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from operator import attrgetter
@@ -230,26 +229,6 @@ def test_a_recording_is_read_in_the_order_of_its_times(
         assert described == expected_topics or (not expected and not described)
 
 
-def test_a_torn_file_yields_every_whole_chunk_and_record_before_the_tear(
-    finished: bytes, place: Path
-) -> None:
-    found: dict[int, set[str]] = {}
-    for size in range(8, len(finished), 29):
-        bag = opened(place, finished[:size])
-        messages = list(bag.messages())
-        assert messages == MESSAGES[: len(messages)]
-        assert (bag.complete, bag.topics()) in ((False, (talk(),)), (False, ()))
-        assert bag.problem is not None
-        assert bag.problem.endswith("what comes before that is read")
-        assert "\n" not in bag.problem
-        found[len(messages)] = set(bag.records)
-    notes = ["note 10", "note 30", "note 50"]
-    ends = {0: 0, 10: 1, 30: 2, 50: 3, 60: 3}
-    assert {count: records - {"rosbag2"} for count, records in found.items()} == {
-        count: {"madrob_run", *notes[:of]} for count, of in ends.items()
-    }
-
-
 def test_a_flipped_bit_never_passes_for_a_message_and_is_never_silent(
     finished: bytes, place: Path
 ) -> None:
@@ -268,16 +247,6 @@ def test_a_flipped_bit_never_passes_for_a_message_and_is_never_silent(
         rest, messages = iter(MESSAGES), list(bag.messages())
         assert all(message in rest for message in messages), (position, bit)
         assert messages == MESSAGES or not bag.complete, (position, bit)
-
-
-def test_zeros_left_by_a_power_cut_are_passed_over_at_once(finished: bytes, place: Path) -> None:
-    end = finished.index(b"note 50")
-    start = time.process_time()  # whatever else the machine does
-    bag = opened(place, finished[: end - 17] + bytes(50_000_000))
-    assert list(bag.messages()) == MESSAGES[:50]
-    assert time.process_time() - start < 2
-    assert bag.problem is not None
-    assert "it is torn at byte" in bag.problem
 
 
 def test_a_message_without_a_channel_ends_the_reading(place: Path, finished: bytes) -> None:
@@ -300,18 +269,6 @@ def test_bags_compressed_by_rosbag2_itself_are_refused(
     of_rosbags(tmp_path / "bag", [], mode)
     with pytest.raises(RecorderError, match=r"is compressed by .*; unpack it by `ros2"):
         Bag(tmp_path / "bag")
-
-
-def test_damage_in_a_bag_out_of_order_costs_one_chunk_and_is_told(tmp_path: Path) -> None:
-    content = bytearray(
-        by_library(MESSAGES[::-1], chunk_size=300, compression=CompressionType.NONE)
-    )
-    content[content.index(b"number 30")] ^= 1
-    bag = opened(tmp_path / "any.mcap", bytes(content))
-    messages = list(bag.messages())
-    assert messages == [message for message in MESSAGES if message in messages]
-    assert len(MESSAGES) - 10 < len(messages) < len(MESSAGES)
-    assert "a chunk has a wrong size or checksum" in (bag.problem or "")
 
 
 TWICE = b"rosbag2_bagfile_information: {relative_file_paths: [bag_0.mcap, bag_0.mcap]}"

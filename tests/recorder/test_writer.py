@@ -239,7 +239,6 @@ def test_it_records_from_when_the_bag_is_on_disk_until_it_is_closed(tmp_path: Pa
     writer.close()
     assert not writer.put_message(early)
     assert not writer.add_topic(BLOB)
-    assert not writer.add_record("note", {})
     assert writer.stats().lost == {"/talk": 2}
     with pytest.raises(RecorderError, match="make a new recorder"):
         writer.open()
@@ -361,19 +360,6 @@ def test_bytes_and_times_survive_in_order_and_only_what_is_too_large_is_lost(
         assert all(m in kept or len(m.data) + 256 > memory_bytes for m in messages)
         with AnyReader([folder]) as reader:
             assert (reader.message_count, len(reader.connections)) == (len(kept), len(TOPICS))
-
-
-def test_a_record_added_while_recording_is_kept_and_the_last_of_a_name_counts(
-    tmp_path: Path,
-) -> None:
-    with BagWriter(tmp_path / "bag", [talk()], {"madrob_run": {"n": "1"}}) as writer:
-        writer.put_message(strings(["a"])[0])
-        assert writer.add_record("madrob_run", {"n": "2"})
-        assert writer.add_record("note", {"text": "a stray byte \udcff, as a terminal may send"})
-    read = Bag(tmp_path / "bag")
-    note = {"text": "a stray byte \\udcff, as a terminal may send"}
-    assert read.complete
-    assert read.records | {"madrob_run": {"n": "2"}, "note": note} == read.records
 
 
 NEVER = {"sec": 9223372036, "nsec": 854775807}

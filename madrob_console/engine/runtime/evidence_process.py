@@ -54,7 +54,7 @@ class EvidenceProcess(Worker):
 
     patience = 4.0
     longest = 30.0
-    loss = "the evidence goes on in a new bag"
+    loss = "the recorder of the evidence is started again"
 
     def __init__(
         self, domain: int, topics: Sequence[str], least_free: int, command: Sequence[str] = COMMAND
@@ -135,7 +135,8 @@ class EvidenceProcess(Worker):
         self._served.evidence = report.added_to(self._served.earlier)
 
     def lose(self, why: str) -> None:
-        recording = self._served
+        recording = self._served or self._recording
+        self._served = None
         if recording is None:
             return
         if recording.is_ending:

@@ -227,8 +227,6 @@ class Worker:
         self.trouble = ""
         self._command = tuple(command)
         self._child: Child | None = None
-        self._left = threading.Event()  # no process is there, not even one that ends
-        self._left.set()
         self._next_start = -math.inf
         self._over = False
         self._lock = threading.Lock()  # of the bell
@@ -355,10 +353,6 @@ class Worker:
         child = self._child
         return -math.inf if child is None else child.moved_at
 
-    def wait_until_left(self, limit: float) -> None:
-        """Wait for the end of a process that is not wanted any more, `limit` s at most."""
-        self._left.wait(limit)
-
     def ring(self) -> None:
         """Have `wanted` and `work` looked at now; from any thread."""
         with self._lock, suppress(BlockingIOError):  # it rings already
@@ -403,7 +397,6 @@ class Worker:
             words = getattr(error, "strerror", None) or repr(error)
             self._note_loss(f"no process can be started ({words})")
             return
-        self._left.clear()
         self._child = child
         try:
             self.begin()
@@ -416,7 +409,6 @@ class Worker:
             why = terminal_safe(repr(error))
         self._child = None
         self._see_off(child, killed=bool(why))
-        self._left.set()
         if why is not None:
             self._note_loss(why or child.ended or "it did not end by itself")
 

@@ -184,16 +184,6 @@ class Connection:
 
 
 @contextmanager
-def node_of_arguments(domain: int, ros_args: Sequence[str]) -> Iterator[RosObject]:
-    """A node that is there only to say what ROS arguments mean."""
-    connection = Connection(domain, ros_args)
-    try:
-        yield connection.node("arguments", spun=False)
-    finally:
-        connection.close()
-
-
-@contextmanager
 def _one_line() -> Iterator[None]:
     """Keeps ROS from printing argument errors that the console reports itself."""
     logging = load_module("rclpy.logging")

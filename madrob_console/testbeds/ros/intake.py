@@ -71,9 +71,8 @@ class Intake:
 
     It subscribes when the first publisher appears, with the quality of service that all publishers
     offer: what they keep for late joiners comes, too. Without a `type_name` the topic has the type
-    of the publisher that is found first. `remedy` is for another one. A change of `depth`
-    takes effect at the next discovery. After `close` a discovery subscribes again. One thread; any
-    may read.
+    of the publisher that is found first. `remedy` is for another one. After `close` a discovery
+    subscribes again. One thread; any may read.
 
     Attributes:
         topic: what a bag says of the topic; None as long as it is not known, or unusable.
@@ -111,10 +110,6 @@ class Intake:
             self._prepare()
 
     @property
-    def subscribed(self) -> bool:
-        return self._switch is not None
-
-    @property
     def lost(self) -> int | None:
         """Messages lost by the sequence numbers of the publisher; None = unknown."""
         return self._losses.lost
@@ -149,7 +144,6 @@ class Intake:
         qos = offered_by_all([i.qos_profile for i in usable])
         if self._switch is None:
             self._switch = QosSwitch(self._node, self.name, self._class, qos, self.depth)
-        self._switch.depth = self.depth
         self._switch.forget_delivered()
         self._switch.listen(qos, len(usable))
         if self._switch.inbox.qos == qos != self.topic.qos:

@@ -70,7 +70,6 @@ class Inbox:
         depth: int = QUEUE_DEPTH,
     ) -> None:
         self.qos = qos
-        self.depth = depth
         self._reported = 0
         self._node = node
         self._class = message_class
@@ -181,8 +180,7 @@ class QosSwitch:
     """Subscribes to a topic with the quality of service that its publishers need. One thread.
 
     When publishers come or go and another quality is needed, a new subscription runs beside the old
-    one until it is matched, so that nothing is lost in between. A change of `depth` brings a new
-    one, too.
+    one until it is matched, so that nothing is lost in between.
 
     Attributes:
         inbox: the newest subscription.
@@ -199,7 +197,7 @@ class QosSwitch:
         self._node = node
         self._name = name
         self._class = message_class
-        self.depth = depth
+        self._depth = depth
         self.inbox = self._open(qos)
         self._former: Inbox | None = None
         self._ends = 0.0
@@ -210,7 +208,7 @@ class QosSwitch:
         if self._former is not None:
             if self.inbox.publishers >= publishers:
                 self._ends = min(self._ends, time.monotonic() + _OVERLAP)
-        elif (self.inbox.qos, self.inbox.depth) != (qos, self.depth):
+        elif self.inbox.qos != qos:
             self._former, self.inbox = self.inbox, self._open(qos)
             self._ends = time.monotonic() + _LONGEST_HANDOVER
             self._seen = set(self._recent)
@@ -232,7 +230,7 @@ class QosSwitch:
         self.inbox.close()
 
     def _open(self, qos: Qos) -> Inbox:
-        return Inbox(self._node, self._class, self._name, qos, depth=self.depth)
+        return Inbox(self._node, self._class, self._name, qos, depth=self._depth)
 
     def _take_former(self) -> list[Received]:
         if self._former is None:

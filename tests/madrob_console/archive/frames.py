@@ -1,11 +1,10 @@
-"""What cameras send: frames of a moving pattern, with a clock of their own."""
+"""What cameras send: frames of a moving pattern."""
 
 from __future__ import annotations
 
 import io
 from functools import cache
 from pathlib import Path
-from random import Random
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -79,26 +78,19 @@ def stream(
     topic: str,
     begin: float,
     end: float,
-    *,
-    offset: float = 0.132,
-    rate: float = 15.0,
-    jitter: float = 0.004,
-    size: tuple[int, int] = (160, 120),
 ) -> list[RawMessage]:
-    """The frames of a camera whose clock is `offset` s ahead."""
-    random = Random(topic)
+    """The frames of a camera of 15 Hz, received a little late."""
     messages = []
-    for number in range(int((end - begin) * rate)):
-        taken = begin + number / rate
-        log = taken + 0.003 + random.expovariate(1 / jitter)
-        data = packed(pattern(number % 40, size))
-        messages.append(compressed(topic, data, taken + offset, log))
+    for number in range(int((end - begin) * 15.0)):
+        taken = begin + number / 15.0
+        data = packed(pattern(number % 40))
+        messages.append(compressed(topic, data, taken, taken + 0.005))
     return messages
 
 
-def film(folder: Path, *topics: str, offset: float = 0.132) -> Path:
+def film(folder: Path, *topics: str) -> Path:
     """Give a recorded run the evidence of cameras."""
     begin, end = span(folder)
-    messages = [one for topic in topics for one in stream(topic, begin, end, offset=offset)]
+    messages = [one for topic in topics for one in stream(topic, begin, end)]
     messages.sort(key=lambda message: message.receive_ns)
     return add_evidence(folder, messages)

@@ -24,12 +24,12 @@ from tests.madrob_console.archive.frames import (
     packed,
     pattern,
     raw,
-    span,
 )
 from tests.madrob_console.recorded_runs import appealed
 from tests.recorder.samples import add_evidence
 
-START_STEPS = 0.05
+NEAR = 0.05
+"""A frame of a camera of 15 Hz is as near, s."""
 
 
 @cache
@@ -58,7 +58,7 @@ def test_each_event_and_mark_has_the_nearest_frame_of_each_camera(filmed: Path) 
     events = {event.event.value for event in scored().result.events}
     assert {picture.moment.name for picture in pictures} == {*events, "incident_collision"}
     assert len({picture.topic for picture in pictures}) == 2
-    assert all(abs(picture.difference) < START_STEPS for picture in pictures)
+    assert all(abs(picture.difference) < NEAR for picture in pictures)
     assert {size_of(picture) for picture in pictures} == {(160, 120)}
 
 
@@ -111,9 +111,7 @@ def test_frame_that_cannot_be_shown_says_why(run: Path, message: RawMessage, why
 
 def test_moment_without_a_frame_within_a_second_says_so(run: Path) -> None:
     film(run, FRONT)
-    begin, _ = span(run)
     assert write_frames(run, "900", run / "frames") == ["no frame within 1 s"]
-    assert begin < at_first_event()
 
 
 def test_run_without_cameras_has_no_pictures(run: Path) -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.file_locks import Hold, is_held
-from madrob_console.common.files import replaced_folder, write_new_folder
+from madrob_console.common.files import write_new_folder
 from madrob_console.common.names import LONGEST_NAME, clean_name, terminal_safe
 
 
@@ -22,15 +22,10 @@ def held(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_a_folder_has_all_of_its_files_and_is_replaced_with_all_of_its_files(
-    tmp_path: Path,
-) -> None:
+def test_a_folder_has_all_of_its_files(tmp_path: Path) -> None:
     files = {"one": b"1", "two": b"22"}
     write_new_folder(tmp_path / "far" / "it", files)
     assert held(tmp_path / "far" / "it") == files
-    for files in ({"one": b"1", "two": b"2"}, {"two": b"22"}):
-        replaced_folder(tmp_path / "far" / "it", files)
-        assert held(tmp_path / "far" / "it") == files
     assert [path.name for path in (tmp_path / "far").iterdir()] == ["it"]
 
 
@@ -56,24 +51,6 @@ def test_what_is_there_stays_as_it_is(kind: str, tmp_path: Path) -> None:
         write_new_folder(path, {"one": b"1"})
     assert [found.name for found in tmp_path.iterdir()] == ["mine"]
     assert path.is_symlink() or path.is_file() or not list(path.iterdir())
-
-
-def test_a_folder_that_cannot_be_replaced_stays_as_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    replaced_folder(tmp_path / "it", {"one": b"1"})
-    rename = Path.rename
-
-    def refused(path: Path, target: Path) -> Path:
-        if target == tmp_path / "it" and (path / "two").exists():
-            raise OSError(5, "Input/output error")
-        return rename(path, target)
-
-    monkeypatch.setattr(Path, "rename", refused)
-    with pytest.raises(MadrobError, match="it: not written"):
-        replaced_folder(tmp_path / "it", {"two": b"2"})
-    assert [path.name for path in tmp_path.iterdir()] == ["it"]
-    assert (tmp_path / "it" / "one").read_bytes() == b"1"
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from madrob_console.referee.journal import read_journal
 from madrob_console.referee.rebuild import rebuild
 from tests.madrob_console.engine.drive import Drive, document, make_setup
 
-KILLED = "the evidence goes on in a new bag: it was ended by SIGKILL"
+KILLED = "the recorder of the evidence is started again: it was ended by SIGKILL"
 RECORDED = Evidence({"/camera": EvidenceTopic(600, 3)})
 
 

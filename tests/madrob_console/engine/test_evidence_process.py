@@ -84,7 +84,7 @@ def test_process_that_dies_or_hangs_goes_on_in_a_second_bag(
         until(lambda: process.evidence.problem)
         problem = process.evidence.problem
         until(lambda: count(process) >= before + 20)
-    assert problem.startswith("the evidence goes on in a new bag: it was ")
+    assert problem.startswith("the recorder of the evidence is started again: it was ")
     assert process.evidence.problem == ""
     assert sorted(path.name for path in run.iterdir()) == ["run_evidence", "run_evidence_2"]
     counts = Counter(message.topic for message in recorded(run))
@@ -104,6 +104,16 @@ def test_room_of_the_run_is_left_to_it(ros_domain: int, run: Path) -> None:
         time.sleep(1.0)  # what would be recorded comes
     assert process.evidence.problem.startswith("the disk has less than ")
     assert recorded(run) == []
+
+
+def test_process_that_cannot_be_started_is_named(run: Path) -> None:
+    process = EvidenceProcess(0, CAMERAS.topics, 0, ("/nonexistent/program",))
+    with closing(Supervisor(process)):
+        process.begin_recording(run, START_NS)
+        until(lambda: "no process can be started" in process.evidence.problem)
+        process.end_recording()
+        process.wait_until_ended(20.0)
+    assert process.evidence.topics == {}
 
 
 def test_next_run_has_a_recording_of_its_own(ros_domain: int, run: Path) -> None:

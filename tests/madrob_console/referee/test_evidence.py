@@ -5,7 +5,7 @@ from __future__ import annotations
 from madrob_console.common.formatting import time_of_day
 from madrob_console.referee.evidence import Evidence, EvidenceTopic
 
-KILLED = "the evidence goes on in a new bag: it was ended by SIGKILL"
+KILLED = "the recorder of the evidence is started again: it was ended by SIGKILL"
 EVIDENCE = Evidence({"/camera": EvidenceTopic(600, 12, 1103.5), "/tf": EvidenceTopic(1)}, KILLED)
 
 
