@@ -228,12 +228,17 @@ def write_metadata(folder_fd: int, information: BagInformation) -> None:
     with suppress(FileNotFoundError):
         os.unlink(part, dir_fd=folder_fd)
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-    with os.fdopen(os.open(part, flags, 0o666, dir_fd=folder_fd), "wb") as file:
-        file.write(information.metadata_yaml().encode())
-        file.flush()
-        os.fsync(file.fileno())
-    os.rename(part, METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
-    os.fsync(folder_fd)
+    try:
+        with os.fdopen(os.open(part, flags, 0o666, dir_fd=folder_fd), "wb") as file:
+            file.write(information.metadata_yaml().encode())
+            file.flush()
+            os.fsync(file.fileno())
+        os.rename(part, METADATA_FILE, src_dir_fd=folder_fd, dst_dir_fd=folder_fd)
+        os.fsync(folder_fd)
+    except OSError:
+        with suppress(OSError):
+            os.unlink(part, dir_fd=folder_fd)
+        raise
 
 
 class RawMessage(msgspec.Struct, frozen=True, gc=False):

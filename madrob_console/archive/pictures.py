@@ -67,11 +67,11 @@ class Picture:
 
     @property
     def file_name(self) -> str:
-        words = (
-            f"{self.number:02d} {self.moment.name} {self.topic} {1000 * self.difference:+.0f} ms"
-        )
-        sign = "earlier" if self.difference < 0 else "later"
-        return f"{_NOT_PLAIN.sub('_', words)}_{sign}.{self.file_type}"
+        side = "earlier" if self.difference < 0 else "later"
+        distance = f"{1000 * abs(self.difference):.0f} ms {side}"
+        words = f"{self.number:02d} {self.moment.name} {self.topic} {distance}"
+        suffix = ".jpg" if self.file_type == "jpeg" else ".png"
+        return _NOT_PLAIN.sub("_", words) + suffix
 
 
 def pictures_of(folder: Path, scored: Scored) -> list[Picture]:

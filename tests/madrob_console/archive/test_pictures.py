@@ -127,7 +127,7 @@ def test_frames_have_names_that_a_zip_takes(run: Path) -> None:
     assert len(names) == 2
     for name in names:
         assert is_safe_name(name)
-        assert re.fullmatch(r"01_at_minus_0_250_s_.*_\d+_ms_(later|earlier)[.]jpeg", name)
+        assert re.fullmatch(r"01_at_minus_0_250_s_.*_\d+_ms_(later|earlier)[.]jpg", name)
 
 
 def test_report_has_the_pictures_in_it(filmed: Path) -> None:
