@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
+from heapq import merge
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -97,24 +98,20 @@ def evaluate(  # noqa: PLR0913  a signal is an argument
         ("timeout", timeout, "s"),
         ("handle_zero", handle_zero, "N"),
     ):
-        if not _is_number(value):
+        number: object = value
+        if not isinstance(number, (int, float, np.number)) or not math.isfinite(number):
             raise ScoringError(f"{name} {value!r}: give a finite number, {unit}")
     if timeout <= 0:
         raise ScoringError(f"timeout {timeout!r}: give more than 0 s")
-    for name, argument, kind in (
-        ("condition", condition, Condition),
-        ("passage", passage, Mapping),
-        ("thresholds", thresholds or Thresholds(), Thresholds),
-    ):
+    thresholds = thresholds or Thresholds()
+    for argument, kind in ((condition, Condition), (passage, Mapping), (thresholds, Thresholds)):
         if not isinstance(argument, kind):
+            name = kind.__name__.replace("Mapping", "passage").lower()
             raise ScoringError(f"{name}: give a {kind.__name__}, not {type(argument).__name__}")
-    samples = [
-        *_samples(DoorSample, "door", door),
-        *_samples(HandleSample, "handle", handle),
-        *(sample for name, data in passage.items() for sample in _passage_samples(name, data)),
-        *(() if latch is None else _samples(_latch_sample, "latch", latch)),
-    ]
-    samples.sort(key=lambda sample: sample.time)
+    streams = [_door(door), _handle(handle)]
+    streams += [_strip(name, data) for name, data in passage.items()]
+    if latch is not None:
+        streams.append(_latch(latch))
     assessment = Assessment(
         condition,
         float(start),
@@ -122,27 +119,21 @@ def evaluate(  # noqa: PLR0913  a signal is an argument
         thresholds=thresholds,
         handle_zero=float(handle_zero),
     )
-    ending = _feed(assessment, samples, float(timeout))
+    ending = _follow(assessment, merge(*streams, key=lambda sample: sample.time), float(timeout))
     return Evaluation.of(*assessment.result(ending), condition)
 
 
-def _is_number(value: object) -> bool:
-    try:
-        return isinstance(value, (int, float, np.number)) and math.isfinite(float(value))
-    except (TypeError, OverflowError):
-        return False
-
-
-def _feed(assessment: Assessment, samples: Iterable[Sample], timeout: float) -> Ending:
+def _follow(assessment: Assessment, samples: Iterator[Sample], timeout: float) -> Ending:
+    """Feed all samples, and stop at the first instant at which all steps are done."""
     limit, changes, stop = assessment.start + timeout, -1, None
     procedure = assessment.procedure()
     for sample in samples:
         assessment.feed(sample)
+        assessment.release(math.inf)  # they are in order
         if stop is None and (procedure.settling or assessment.changes != changes):
             changes, procedure = assessment.changes, assessment.procedure()
-            if procedure.completed is not None and procedure.completed <= limit:
-                stop = procedure.completed
-    if stop is not None:
+            stop = procedure.completed
+    if stop is not None and stop <= limit:
         return Ending(Outcome.COMPLETED, "all six steps done", stop)
     newest = assessment.newest or 0.0
     if newest >= limit:
@@ -152,29 +143,35 @@ def _feed(assessment: Assessment, samples: Iterable[Sample], timeout: float) -> 
     return Ending(Outcome.INTERRUPTED, reason, None)
 
 
-def _samples(
-    kind: Callable[[float, float, float], Sample], name: str, data: object
-) -> Iterator[Sample]:
-    times, values = _columns(name, data, 1)
-    return map(kind, times.tolist(), times.tolist(), values[:, 0].tolist())
+def _door(data: object) -> Iterator[Sample]:
+    times, angles = _columns("door", data, 1)
+    return map(DoorSample, times.tolist(), times.tolist(), angles[:, 0].tolist())
 
 
-def _latch_sample(time: float, log_time: float, engaged: float) -> LatchSample:
-    if math.isnan(engaged):
+def _handle(data: object) -> Iterator[Sample]:
+    times, forces = _columns("handle", data, 1)
+    return map(HandleSample, times.tolist(), times.tolist(), forces[:, 0].tolist())
+
+
+def _latch(data: object) -> Iterator[Sample]:
+    times, states = _columns("latch", data, 1)
+    if np.isnan(states).any():
         raise ScoringError("latch: a state is nan: leave that sample out")
-    return LatchSample(time, log_time, engaged >= _ENGAGED)
+    engaged = (states[:, 0] >= _ENGAGED).tolist()
+    return map(LatchSample, times.tolist(), times.tolist(), engaged)
 
 
-def _passage_samples(name: str, data: object) -> Iterator[Sample]:
+def _strip(name: str, data: object) -> Iterator[Sample]:
     if name not in [*Strip]:
         raise ScoringError(f"passage: there is no strip {name!r}: name {', '.join(Strip)}")
     times, ranges = _columns(f"passage[{name!r}]", data, SENSORS_PER_STRIP)
-    for time, row in zip(times.tolist(), ranges.tolist(), strict=True):
-        yield PassageSample(time, time, Strip(name), tuple(row), 0.0, math.inf)
+    strip = Strip(name)
+    rows = zip(times.tolist(), ranges.tolist(), strict=True)
+    return (PassageSample(time, time, strip, tuple(row), 0.0, math.inf) for time, row in rows)
 
 
 def _columns(name: str, data: Any, width: int) -> tuple[Array, Array]:  # noqa: ANN401
-    """Times of shape (n,), values of shape (n, `width`)."""
+    """Times of shape (n,) in order, values of shape (n, `width`)."""
     wanted = "a value" if width == 1 else f"{width} ranges"
     try:
         if hasattr(data, "columns"):
@@ -191,8 +188,9 @@ def _columns(name: str, data: Any, width: int) -> tuple[Array, Array]:  # noqa: 
         )
     if not np.isfinite(times).all():
         row = np.flatnonzero(~np.isfinite(times))[0]
-        raise ScoringError(f"{name}: time [{row}] is {times.flat[row]}: leave that sample out")
-    return times, values.reshape(-1, width)
+        raise ScoringError(f"{name}: time [{row}] is {times[row]}: leave that sample out")
+    order = np.argsort(times, kind="stable")
+    return times[order], values.reshape(-1, width)[order]
 
 
 def _numbers(part: object) -> Array:

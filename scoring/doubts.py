@@ -1,4 +1,4 @@
-"""What makes a value doubtful: few samples behind an edge, gaps, spikes, drift (section 11).
+"""What makes a value doubtful: nine kinds, each one question to the referee (section 11).
 
 A doubt is a sentence beside a value. It never changes one.
 """
@@ -6,97 +6,142 @@ A doubt is a sentence beside a value. It never changes one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
-from itertools import combinations
-from typing import NamedTuple
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scoring.deciding_edges import DecidingEdge, EdgeKind
-from scoring.door_angle import runs
-from scoring.grounds import Grounds
+from scoring.braking import largest_brake
+from scoring.edges import DecidingEdge, EdgeKind
 from scoring.indicator_table import IndicatorName as Name
 from scoring.kinematics import Array
+from scoring.procedure import Evidence, Procedure
 from scoring.protocol import (
     FARTHEST_ZERO,
-    PASSAGE_SENSORS,
+    Condition,
     LockDetection,
+    PassageSensor,
     Side,
     Signal,
-    Strip,
     Thresholds,
 )
-from scoring.quality import QualityCounter
-from scoring.rest import FEWEST_SAMPLES
 from scoring.result import Indicator, Uncertainty, value_text
-from scoring.signals import edges_until
+from scoring.samples import DoorSample, HandleSample, Sample
+from scoring.series import Flags, Series
+from scoring.uncertainty import Recorded
 
 Doubt = tuple[tuple[Name, ...], str]
 
-_MOTION = (Name.SMOOTHNESS_OF_DOOR_ACTUATION, Name.UNSAFETY_OF_DOOR_OPERATION)
-_FORCE = (*EdgeKind.TOUCH.indicators, Name.ROUGHNESS_OF_DOOR_ACTUATION)
-_SETTLED = (Name.EXECUTION_TIME, Name.CAPABILITY_LEVEL)
-_PASSING = tuple(dict.fromkeys(EdgeKind.ARRIVAL.indicators + EdgeKind.DEPARTURE.indicators))
-_CLOSING_TIMES = (Name.EXECUTION_TIME, Name.PASSAGE_TIME)
-_FROM_START = (Name.EXECUTION_TIME, Name.TIME_TO_HANDLE)
-_UNDER_SENSORS = (EdgeKind.ARRIVAL, EdgeKind.DEPARTURE)
-_TOP_NOISE = 3.0
-"""Noise alone lifts one force over its neighbours by up to this many standard deviations."""
-_UNDECIDABLE = "arrival and leaving cannot be decided"
+_GAP = 0.1  # s without a new reading
+_REACH = 0.2  # s; how near to an edge a hole hides another one
+_PAUSE = 0.1  # s; a presence goes on over it
+_FEWEST = {EdgeKind.TOUCH: 3, EdgeKind.OPENING: 5, EdgeKind.CLOSING: 5}  # a knock opens with 3
+_COUNTS, _DEVIATIONS = 3, 5  # by which a bad angle is off
+_TREMBLING = 0.0105  # rad a sample: no panel that trembles does more
+_STILL = 1.0  # s; a door does not stop so long from full speed
+_FROZEN = 50  # samples of a freeze at most
+_LEAST_NOISE = 0.01  # N, of a load cell
+_AJAR = 0.0035  # rad
+_SCALE = 0.02  # of a count
+_RANGE_END = 0.95  # of the load cell's range
+_CLIPPED = 3  # samples at the largest force
+_TOGETHER = 50  # the least delay of so many samples counts
 
-_BY_CHANCE = 1e-6
-_UNEVEN = 0.01
-"""The stamps' jitter makes accelerations differ by less than this part of them."""
-_LATCH_SILENT = 0.5
-"""A latch sensor that spoke all the time is silent after this, s."""
-_SAME_SCALE = 0.02
-"""Encoders whose steps differ by less, as a part of them, have the same scale."""
-LONGEST_SHIFT = 0.5
-"""An edge that an unsure zero may move by more is doubted; up to this its U has it, s."""
-_FILTER_REACH = 1.0
-"""How far the filters of the door angle reach out of the run, s."""
+_MOTION = (Name.UNSAFETY_OF_DOOR_OPERATION, Name.SMOOTHNESS_OF_DOOR_ACTUATION)
+_ROUGHNESS = (Name.ROUGHNESS_OF_DOOR_ACTUATION,)
+_PASSING = (
+    Name.EXECUTION_TIME,
+    Name.DOOR_OCCUPATION_TIME,
+    Name.PASSAGE_TIME,
+    Name.CAPABILITY_LEVEL,
+)
+_TOUCHING = (*EdgeKind.TOUCH.indicators, *_ROUGHNESS)
+_SETTLED = EdgeKind.LOCKING.indicators
+_OF_SIGNAL: Mapping[Signal, tuple[Name, ...]] = {
+    Signal.DOOR: (*_MOTION, *EdgeKind.CLOSING.indicators),
+    Signal.HANDLE: _TOUCHING,
+    Signal.LATCH: _SETTLED,
+}
+"""What is computed of a signal; of a strip, what depends on who passes."""
 
-Uncertain = Callable[[Grounds, Mapping[Name, Indicator]], Mapping[Name, Uncertainty | None]]
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grounds:
+    """The evidence behind the values of a run; times in s since the epoch.
+
+    Attributes:
+        end: of the run; `run.rows_end` may be later.
+        samples: of each signal, in the order of their stamps.
+        presences: for each used sensor, from when to when something was under it.
+        misread: words that doubt a signal, from the reader of the recording.
+    """
+
+    run: Recorded
+    end: float
+    condition: Condition
+    handle_zero: float
+    samples: Mapping[Signal, Sequence[Sample]]
+    presences: Mapping[PassageSensor, Sequence[tuple[float, float]]]
+    procedure: Procedure
+    evidence: Evidence
+    misread: Mapping[str, Signal]
+    values: Mapping[Name, Indicator]
+    uncertainty: Mapping[Name, Uncertainty | None]
+
+    @property
+    def thresholds(self) -> Thresholds:
+        return self.run.thresholds
+
+    @property
+    def kinds(self) -> dict[EdgeKind, DecidingEdge]:
+        return {edge.kind: edge for edge in self.run.edges}
+
+    @property
+    def recorded_until(self) -> float:
+        newest = [s.time[-1] for s in self.run.signals.values() if s.time.size]
+        return float(max(newest, default=-math.inf))
+
+    @property
+    def missing_end(self) -> float:
+        """How much of the run the recording lacks at its end, s."""
+        return self.run.rows_end - self.recorded_until
+
+    @property
+    def settled(self) -> bool:
+        """Whether the door's rest, as recorded, completed the run."""
+        if self.missing_end > _GAP:
+            return False
+        return self.run.completed and self.procedure.lock_detection is LockDetection.SETTLE
 
 
-def all_doubts(
-    grounds: Grounds,
-    indicators: Mapping[Name, Indicator],
-    uncertainty: Mapping[Name, Uncertainty | None],
-    uncertain: Uncertain,
-) -> dict[Name, tuple[str, ...]]:
-    """The doubts on a run by indicator; `uncertain` gives uncertainties for other grounds."""
-    with np.errstate(over="ignore", invalid="ignore"):  # of what only `eurobench-2020` believes
-        doubts = (
-            *edge_doubts(grounds.edges, grounds.counters, grounds.thresholds),
-            *_other_visits(grounds),
-            *_blind_strips(grounds),
-            *_gaps(grounds),
-            *_missing_samples(grounds),
-            *_bad_samples(grounds, indicators, uncertain),
-            *_bad_edges(grounds),
-            *_impossible(grounds),
-            *_guessed_angles(grounds),
-            *_encoder(grounds),
-            *_door_zero(grounds),
-            *_range_end(grounds),
-            *_stuck(grounds),
-            *_uneven(grounds, indicators, uncertainty),
-            *_latch(grounds),
-            *_unfinished(grounds),
-            *_drift(grounds),
-            *_chatter(grounds),
-            *_newcomers(grounds),
-            *_delays(grounds),
-            *_rate(grounds),
-            *_misread(grounds),
-        )
-    return by_indicator(doubts)
+def doubted(grounds: Grounds) -> dict[Name, Indicator]:
+    """Return the indicators with their uncertainties and doubts, each sentence once."""
+    rules: tuple[Callable[[Grounds], Iterator[Doubt]], ...] = (
+        _few_readings,
+        _other_visits,
+        _torn_end,
+        _holes,
+        _outliers,
+        _freeze,
+        _zeros,
+        _scale,
+        _range_end,
+        _clocks,
+        _latch,
+        _publishers,
+    )
+    with np.errstate(invalid="ignore"):  # ranges without an echo are infinite
+        doubts = by_indicator(doubt for rule in rules for doubt in rule(grounds))
+    complete = {}
+    for name, indicator in grounds.values.items():
+        worth = None if indicator.value is None else grounds.uncertainty[name]
+        complete[name] = replace(indicator, uncertainty=worth, doubts=doubts.get(name, ()))
+    return complete
 
 
 def by_indicator(doubts: Iterable[Doubt]) -> dict[Name, tuple[str, ...]]:
-    """In the protocol's order, each sentence once."""
     sentences: dict[Name, dict[str, None]] = {name: {} for name in Name}
     for names, words in doubts:
         for name in names:
@@ -104,446 +149,423 @@ def by_indicator(doubts: Iterable[Doubt]) -> dict[Name, tuple[str, ...]]:
     return {name: tuple(words) for name, words in sentences.items() if words}
 
 
+def information(g: Grounds) -> Iterator[str]:
+    """What a reader of the values has to know, but nobody has to decide."""
+    if _brake_ends_range(g) and _top_force(g)[0] >= _RANGE_END * g.thresholds.largest_force:
+        end = g.thresholds.largest_force
+        yield f"handle force: at least {end:.0f} N, where the load cell's range and the brake end"
+    zero = g.run.at_rest(Signal.DOOR)[0]
+    if g.thresholds.near_zero < abs(zero) <= FARTHEST_ZERO:
+        yield f"door angle: the closed door read {1000 * zero:+.1f} mrad before the start"
+
+
+# --- edges
+
+
+def _few_readings(g: Grounds) -> Iterator[Doubt]:
+    yield from edge_doubts(g.run.edges, g.samples, g.handle_zero, g.thresholds)
+
+
 def edge_doubts(
     edges: Iterable[DecidingEdge],
-    counters: Mapping[Signal, QualityCounter],
+    samples: Mapping[Signal, Sequence[Sample]],
+    handle_zero: float,
     thresholds: Thresholds,
 ) -> Iterator[Doubt]:
-    """Edges that rest on little; known while the run goes on."""
-    limits = thresholds.doubt
+    """Touch, opening or closing that rests on few readings; known while the run goes on."""
+
+    def is_up(sample: Sample) -> bool:
+        if isinstance(sample, HandleSample):
+            return abs(sample.force - handle_zero) > thresholds.touch_force
+        return isinstance(sample, DoorSample) and abs(sample.angle) >= thresholds.closed_angle
+
     for edge in edges:
-        if edge.readings < limits.least_readings:
-            samples = f"{edge.readings} sample{'s' if edge.readings != 1 else ''}"
-            yield edge.indicators, f"{edge.kind.words} rests on {samples}"
-            continue
-        counter = counters.get(edge.signal)
-        tolerance = (counter.interval or 0.0) / 2 if counter is not None else 0.0
-        if edge.alone is not None and edge.alone + tolerance < limits.least_hold:
-            alone = f"one passage strip for {1000 * edge.alone:.0f} ms"
-            yield edge.indicators, f"{edge.kind.words} rests on {alone}"
+        fewest, of_signal = _FEWEST.get(edge.kind, 0), samples[edge.signal]
+        at = bisect_left(of_signal, edge.time, key=lambda sample: sample.time)
+        state, readings = edge.kind is not EdgeKind.CLOSING, 0
+        while readings < fewest and at + readings < len(of_signal):
+            if is_up(of_signal[at + readings]) is not state:
+                break
+            readings += 1
+        if edge.kind is EdgeKind.CLOSING:  # it was open before
+            opened = next((n for n in range(fewest) if not is_up(of_signal[at - 1 - n])), fewest)
+            readings = min(readings, opened)
+        if readings < fewest:
+            counted = f"{readings} sample{'s' if readings != 1 else ''}"
+            yield edge.kind.indicators, f"{edge.kind.words} rests on {counted}: was it real?"
 
 
 def _other_visits(g: Grounds) -> Iterator[Doubt]:
-    """An arrival or a leaving of somebody who did not pass from one side to the other."""
-    passages = [
-        visit
-        for visit in _visits(g, frozenset(Side))
-        if len(visit.sides) > 1 and visit.rise <= g.end
-    ]
-    here = [visit.fall for visit in _visits(g, {g.condition.starting_side}) if visit.rise <= g.end]
-    for edge in g.edges if passages else ():
-        passage = passages[-1]
-        # the robot was on the other side when something ended the run on this one
-        again = any(passage.rise <= fall < edge.time for fall in here) and edge.time in here
-        passed = passage.rise <= edge.time <= passage.fall and not again
-        if edge.kind in _UNDER_SENSORS and not passed:
-            words = (
-                f"something was under the sensors twice, {edge.kind.words} is not of what passed"
-            )
-            yield edge.indicators, words
-
-
-class _Visit(NamedTuple):
-    """A presence under any sensors of some sides, pauses included; s since the epoch."""
-
-    rise: float
-    fall: float
-    sides: frozenset[Side]
-
-
-def _visits(g: Grounds, of: Container[Side]) -> list[_Visit]:
-    visits: list[_Visit] = []
-    under = (
-        (rise, fall, s.side) for s, presences in g.presences.items() for rise, fall in presences
-    )
-    for rise, fall, side in sorted(each for each in under if each[2] in of):
-        if visits and rise <= visits[-1].fall + g.thresholds.largest_gap:
-            before = visits.pop()
-            visits.append(_Visit(before.rise, max(before.fall, fall), before.sides | {side}))
+    """Arrival or leaving is not of the presence that joins both sides, or there is none."""
+    visits: list[tuple[float, float, set[Side]]] = []
+    under = [(a, b, s.side) for s, spans in g.presences.items() for a, b in spans if a <= g.end]
+    for rise, fall, side in sorted(under):
+        if visits and rise <= visits[-1][1] + _PAUSE:
+            first, last, sides = visits.pop()
+            visits.append((first, max(last, fall), sides | {side}))
         else:
-            visits.append(_Visit(rise, fall, frozenset({side})))
-    return visits
-
-
-def _blind_strips(g: Grounds) -> Iterator[Doubt]:
-    for strip in Strip:
-        counter = g.counters.get(signal := Signal.of_strip(strip))
-        if counter is None:
-            yield _PASSING, f"{signal.value}: nothing recorded: {_UNDECIDABLE}"
-        elif counter.no_reading > (readings := counter.readings) / 2:
-            share = f"{100 * counter.no_reading / readings:.0f} of 100 values without a reading"
-            yield _PASSING, f"{signal.value}: {share}: {_UNDECIDABLE}"
-    seen_sides = {sensor.side for sensor, presences in g.presences.items() if presences}
-    if {EdgeKind.TOUCH, EdgeKind.OPENING, EdgeKind.CLOSING} <= {edge.kind for edge in g.edges}:
-        for side in set(Side) - seen_sides:
-            arrives = side is g.condition.starting_side
-            words = f"the door was opened and closed, but the {side.upper()} sensors saw nothing"
-            yield (EdgeKind.ARRIVAL if arrives else EdgeKind.DEPARTURE).indicators, words
-
-
-def _gaps(g: Grounds) -> Iterator[Doubt]:
-    """Holes of a signal near what decides, one sentence for each signal."""
-    rows, limits = g.rows, g.thresholds.doubt
-    motion = rows.joint_state.time, rows.low_passed, limits.filter_reach
-    force = rows.force_time, rows.force, limits.gap_reach
-    holes = {signal: _holes(g, signal) for signal in Signal}
-    near: list[tuple[Signal, float | None, str, tuple[Name, ...]]] = []
-    for name, signal, times, values, reach, words in (
-        (Name.UNSAFETY_OF_DOOR_OPERATION, Signal.DOOR, *motion, "the largest acceleration"),
-        (Name.ROUGHNESS_OF_DOOR_ACTUATION, Signal.HANDLE, *force, "the largest force"),
-    ):
-        if np.isfinite(values).any():
-            at = float(times[int(np.nanargmax(np.abs(values)))])
-            near.append((signal, _gap_near(holes[signal], at, reach), words, (name,)))
-    for signal in set(Signal) - {Signal.DOOR, Signal.LATCH}:
-        cut = [(max(a, g.start), min(b, g.end)) for a, b in holes[signal]]
-        long = [(a, b) for a, b in cut if b - a > g.thresholds.largest_gap]
-        if long:
-            hidden = _PASSING
-            if signal is Signal.HANDLE:  # a touch in it would have been the first
-                before = min(a for a, _ in long)
-                touched = {edge.kind for edge in g.edges if edge.time <= before}
-                hidden = _computed_of(signal, touched)
-            near.append((signal, max(b - a for a, b in long), "", hidden))
-    for edge in g.edges:
-        # where the panel is decides which passage sensors it masks
-        for signal in {edge.signal, Signal.DOOR} if edge.kind in _UNDER_SENSORS else {edge.signal}:
-            gap = _gap_near(holes[signal], edge.time, limits.gap_reach)
-            near.append((signal, gap, edge.kind.words, edge.indicators))
-    for signal in Signal:
-        gaps = [(gap, w, names) for of, gap, w, names in near if of is signal and gap is not None]
-        if gaps:
-            places = " and ".join(dict.fromkeys(words for _, words, _ in gaps if words))
-            where = f"near {places}" if places else "of the run"
-            longest = max(gap for gap, *_ in gaps)
-            names = dict.fromkeys(name for *_, doubted in gaps for name in doubted)
-            yield tuple(names), f"{signal.value}: no reading for {longest:.3f} s {where}"
-
-
-def _holes(g: Grounds, signal: Signal) -> list[tuple[float, float]]:
-    counter, intervals = g.counters.get(signal), g.thresholds.doubt.gap_intervals
-    if counter is None:
-        return []
-    holes = counter.longer_than(intervals) + counter.stills()
-    recorded = min(g.end, g.recorded_until)
-    if (usual := counter.interval) and recorded - counter.read_until > intervals * usual:
-        holes.append((counter.read_until, recorded))
-    times = {Signal.DOOR: g.door.time, Signal.HANDLE: g.force_time}.get(signal)
-    if times is not None and usual:  # readings that are none leave one, too
-        longer = np.flatnonzero(np.diff(times) > intervals * usual)
-        holes += [(float(times[i]), float(times[i + 1])) for i in longer]
-        first = float(times[0]) if times.size else recorded
-        if first - g.start > intervals * usual:
-            holes.append((g.start, first))
-    return holes
-
-
-def _gap_near(holes: Iterable[tuple[float, float]], time: float, reach: float) -> float | None:
-    """The longest gap near a time, s; None = none."""
-    near = (until - since for since, until in holes if since - reach < time < until + reach)
-    return max(near, default=None)
-
-
-def _open_intervals(g: Grounds) -> Array:
-    is_open = np.abs(g.door.angle) > g.thresholds.closed_angle
-    within = (g.door.time >= g.start) & (g.door.time <= g.end)
-    counted = is_open & within
-    return np.diff(g.door.time)[counted[1:] | counted[:-1]]
-
-
-def _missing_samples(g: Grounds) -> Iterator[Doubt]:
-    intervals, limits = _open_intervals(g), g.thresholds.doubt
-    if not intervals.size:
+            visits.append((rise, fall, {side}))
+    passages = [visit for visit in visits if len(visit[2]) > 1]
+    if not passages:
+        if {EdgeKind.TOUCH, EdgeKind.OPENING, EdgeKind.CLOSING} <= g.kinds.keys():
+            seen = {side for _, _, sides in visits for side in sides}
+            blind = " and ".join(side.upper() for side in Side if side not in seen)
+            asked = f"are the {blind} sensors dead" if blind else "did the robot turn back"
+            yield _PASSING, f"the door opened and closed, but nobody was seen to pass: {asked}?"
         return
-    usual, nominal = float(np.median(intervals)), 1 / g.thresholds.rate
-    if usual >= limits.gap_intervals * nominal:  # so many are missing that it is the usual
-        usual = nominal
-    steps = np.round(intervals / usual)
-    missing, expected = int((steps - 1).clip(0).sum()), int(steps.clip(1).sum())
-    if missing > limits.missing * expected:
-        yield _MOTION, f"{missing} of {expected} samples of the open door are missing"
-    regular = intervals[intervals < limits.gap_intervals * usual]
-    jitter = float(regular.std()) if regular.size else 0.0
-    if jitter > limits.jitter:
-        yield _MOTION, f"the door's stamps jitter by {1000 * jitter:.1f} ms"
+    since, until, _ = passages[-1]
+    starting = g.condition.starting_side
+    left = [b for a, b, side in under if side is starting and a > since and b <= g.end]
+    for edge in g.run.edges:
+        # the robot was on the other side when something ended the run on this one
+        again = edge.kind is EdgeKind.DEPARTURE and edge.time in left and len(left) > 1
+        again = again and _clear_before(under, starting, since, edge.time)
+        if edge.kind.under_sensors and (again or not since <= edge.time <= until):
+            words = f"{edge.kind.words} is not of the passage"
+            yield edge.kind.indicators, f"{words}: was somebody else there, or did the robot turn?"
 
 
-def _bad_samples(
-    g: Grounds, indicators: Mapping[Name, Indicator], uncertain: Uncertain
-) -> Iterator[Doubt]:
-    """Samples without which a value would change by more than its uncertainty, lost ones too."""
-    sound = g.without_bad_samples()
-    if sound is None:
-        return
-    values = sound.signal_values()
-    of_sound = uncertain(sound, {**indicators, **values})
-    words = dict.fromkeys(_MOTION, _bad_angle(g))
-    words[Name.ROUGHNESS_OF_DOOR_ACTUATION] = "the largest force rests on one sample"
-    for name, other in values.items():
-        value, worth = indicators[name].value, of_sound[name]
-        if value is None or other.value is None or worth is None:
+def _clear_before(
+    under: Sequence[tuple[float, float, Side]], side: Side, since: float, time: float
+) -> bool:
+    """Whether the side was clear within a passage, and then occupied again up to `time`."""
+    spans = sorted((a, b) for a, b, of in under if of is side and since <= a < time)
+    reached = spans[0][1] if spans else time
+    for rise, fall in spans:
+        if rise > reached + _PAUSE:
+            return True
+        reached = max(reached, fall)
+    return False
+
+
+# --- what is missing
+
+
+def _torn_end(g: Grounds) -> Iterator[Doubt]:
+    if g.missing_end > _GAP:
+        # a touch that was seen was the first
+        seen = [Name.TIME_TO_HANDLE] if EdgeKind.TOUCH in g.kinds else []
+        names = tuple(name for name in Name if name not in seen)
+        yield names, f"the last {g.missing_end:.1f} s of the run are not in the recording"
+
+
+def _holes(g: Grounds) -> Iterator[Doubt]:
+    """No new reading of a signal; U has what is shorter."""
+    for signal, series in g.run.signals.items():
+        if signal.optional:  # it may send its changes only
             continue
-        noise = _TOP_NOISE * g.force_noise if name is Name.ROUGHNESS_OF_DOOR_ACTUATION else 0.0
-        if abs(value - other.value) > g.thresholds.doubt.one_sample * (worth.expanded + noise):
-            yield (name,), f"{words[name]}: without it {value_text(other.value, worth)}"
+        whole = signal in (Signal.DOOR, Signal.HANDLE)
+        until = min(g.run.rows_end if whole else g.end, g.recorded_until)
+        read = _new_readings(series, -math.inf if signal is Signal.DOOR else g.run.start)
+        first, last = min([g.run.start, *read[:1]]), max([until, *read[-1:]])
+        times = np.concatenate(([first], read, [last]))
+        long = (np.diff(times) > _GAP) & (times[1:] > g.run.start) & (times[:-1] < until)
+        holes = [*zip(times[:-1][long], times[1:][long], strict=True)]
+        names = _hidden_in(g, signal, holes)
+        if names:
+            longest = max(b - a for a, b in holes)
+            words = f"{signal.value}: no new reading for {longest:.2f} s"
+            yield names, f"{words}, {_when(g, max(holes, key=lambda hole: hole[1] - hole[0])[0])}"
 
 
-def _bad_angle(g: Grounds) -> str:
-    times = g.door.time[g.door.bad]
-    if not times.size:
-        return "samples of the door angle are missing"
-    spike = f", by up to {g.door.spike:.2g} rad" if g.door.spikes.any() else ""
-    return f"the door angle fits no motion{spike}, {_when(g, times)}"
+def _hidden_in(
+    g: Grounds, signal: Signal, holes: Sequence[tuple[float, float]]
+) -> tuple[Name, ...]:
+    """The indicators that a hole of a signal may move."""
+    if not holes:
+        return ()
+    names = list(_MOTION if signal is Signal.DOOR else _PASSING)
+    if signal is Signal.HANDLE:
+        touch = g.kinds.get(EdgeKind.TOUCH)
+        is_before = touch is None or holes[0][0] < touch.time  # an earlier touch may lie in it
+        names = list(_TOUCHING if is_before else _ROUGHNESS)
+    for edge in g.run.edges:
+        masks = signal is Signal.DOOR and edge.kind.under_sensors and _is_open(g, edge.time)
+        if signal is edge.signal or masks:
+            near = any(a - _REACH < edge.time < b + _REACH for a, b in holes)
+            names += edge.kind.indicators if near else ()
+    return tuple(dict.fromkeys(names))
 
 
-def _bad_edges(g: Grounds) -> Iterator[Doubt]:
-    times = g.door.time[g.door.bad]
-    for edge in g.edges:
-        since = edge.time if edge.since is None else edge.since
-        hangs = edge.signal is Signal.DOOR and ((times >= since) & (times <= edge.time)).any()
-        if edge.kind in _UNDER_SENSORS:  # it masks them
-            hangs = (np.abs(times - edge.time) <= g.thresholds.doubt.gap_reach).any()
-        if hangs:
-            yield edge.indicators, f"{edge.kind.words} rests on a sample that fits no motion"
+def _new_readings(series: Series, start: float) -> Array:
+    """Times of readings; of a signal with noise, one that says the same again is none."""
+    if not series.time.size:
+        return series.time
+    value = series.value.reshape(series.time.size, -1)
+    is_read = ~np.isnan(value).any(axis=1)
+    time, value = series.time[is_read], value[is_read]
+    if not time.size:
+        return time
+    is_new = np.concatenate(([True], (value[1:] != value[:-1]).any(axis=1)))
+    before = is_new[time < start]
+    return time[is_new] if before.size and before.mean() > 0.9 else time
 
 
-def _guessed_angles(g: Grounds) -> Iterator[Doubt]:
-    time, guess = g.guessed[(g.guessed[:, 0] >= g.start) & (g.guessed[:, 0] <= g.end)].T
-    if not time.size or not g.door.time.size:
+def _is_open(g: Grounds, time: float) -> bool:
+    door = g.run.door
+    if not door.time.size:
+        return False
+    return abs(float(np.interp(time, door.time, door.value))) > g.thresholds.closed_angle
+
+
+# --- outliers
+
+
+def _outliers(g: Grounds) -> Iterator[Doubt]:
+    """Curves in place of lost samples, spikes and freezes move a value by more than its U."""
+    door, limit = g.run.door, _limit(g)
+    if door.time.size > 20:
+        repaired = Repaired(door.time, door.value, limit)
+        if repaired.bad.any():
+            others = g.run.motion(repaired.grid, repaired.angle)
+            for name, other in zip(_MOTION, others, strict=True):
+                yield from _moved(g, name, other, 0.0, repaired.words(g.run.start))
+    handle = g.run.signals[Signal.HANDLE]
+    inside = (handle.time >= g.run.start) & (handle.time <= g.run.rows_end)
+    size = np.abs(handle.value[inside])
+    if size.size > 20:
+        noise = g.run.at_rest(Signal.HANDLE)[1]
+        single = spikes(size, _DEVIATIONS * max(noise, _LEAST_NOISE))
+        top = float(np.where(single, 0.0, size).max())
+        when = _when(g, handle.time[inside][int(size.argmax())])
+        words = f"the largest force rests on one sample, {when}"
+        yield from _moved(g, _ROUGHNESS[0], top, 3 * noise, words)
+
+
+def _moved(g: Grounds, name: Name, other: float, noise: float, words: str) -> Iterator[Doubt]:
+    value, worth = g.values[name].value, g.uncertainty[name]
+    if value is not None and worth is not None and abs(other - value) > worth.expanded + noise:
+        yield (name,), f"{words}: without it {value_text(other, worth)}"
+
+
+def _limit(g: Grounds) -> float:
+    return max(_COUNTS * g.run.count, _DEVIATIONS * g.run.at_rest(Signal.DOOR)[1])
+
+
+def _when(g: Grounds, time: float) -> str:
+    after = float(time) - g.run.start
+    return f"{abs(after):.1f} s {'after' if after >= 0 else 'before'} the start"
+
+
+class Repaired:
+    """A door angle with curves in place of what is lost, off and back, or frozen in motion.
+
+    Attributes:
+        grid, angle: evenly filled times, s since the epoch, and angles, rad, shape (n,).
+        bad: which of them are curves.
+    """
+
+    def __init__(self, time: Array, angle: Array, limit: float) -> None:
+        from scipy.interpolate import CubicSpline
+
+        steps = np.diff(time)
+        many = np.where(steps > _GAP, 1, np.rint(steps / np.median(steps)).clip(1))
+        place = np.concatenate(([0], np.cumsum(many))).astype(int)
+        self.grid = np.interp(np.arange(place[-1] + 1), place, time)
+        self.angle = np.interp(self.grid, time, angle)
+        self._lost = np.ones(self.grid.size, dtype=np.bool_)
+        self._lost[place] = False
+        self.spikes = spikes(self.angle, limit)
+        self.bad = self._lost | self.spikes | frozen(self.angle, limit)
+        self.off = 0.0
+        if self.bad.any():
+            good = ~self.bad
+            curve = CubicSpline(self.grid[good], self.angle[good])(self.grid[self.bad])
+            self.off = float(np.abs(curve - self.angle[self.bad]).max())
+            self.angle[self.bad] = curve
+
+    def words(self, start: float) -> str:
+        """What is bad: how many, by how much, and when it was first."""
+        first = float(self.grid[self.bad][0]) - start
+        when = f"{abs(first):.1f} s {'after' if first >= 0 else 'before'} the start"
+        if (self.bad & ~self._lost).any():
+            return f"door angle jumped or froze ({self.off:.2g} rad, first {when})"
+        return f"{self._lost.sum()} samples of the door angle are missing (first {when})"
+
+
+def spikes(values: Array, limit: float) -> Flags:
+    """Values off the line through their neighbours, which are off by a quarter to the other side.
+
+    A kink, as of a slammed door, bends the curve one way only and is none.
+    """
+    off = np.zeros(values.size)
+    off[1:-1] = values[1:-1] - (values[:-2] + values[2:]) / 2
+    beside = np.zeros(values.size)
+    beside[1:-1] = np.minimum(-np.sign(off[1:-1]) * off[:-2], -np.sign(off[1:-1]) * off[2:])
+    return (np.abs(off) > limit) & (beside > np.abs(off) / 4)
+
+
+def frozen(angle: Array, limit: float) -> Flags:
+    """Where an angle stands still between two abrupt steps, or before one that catches up."""
+    flags = np.zeros(angle.size, dtype=np.bool_)
+    steps = np.abs(np.diff(angle))
+    for before, after in pairwise([-1, *np.flatnonzero(steps).tolist()]):
+        still, into = after - before - 1, steps[before] if before >= 0 else 0.0
+        onward = steps[min(after + 1, steps.size - 1)]
+        is_abrupt = min(into, steps[after]) > max(2 * limit, _TREMBLING)
+        catches_up = steps[after] > max(limit, 2 * into, 2 * onward)
+        if (still >= 1 and is_abrupt) or (still >= 2 and catches_up):
+            # a door that was closed for long froze just before
+            flags[max(before + 2, after - _FROZEN) : after + 1] = True
+    return flags
+
+
+def _freeze(g: Grounds) -> Iterator[Doubt]:
+    """A door that is open and moves, and then says the same to the end."""
+    door = g.run.door
+    moves = np.flatnonzero(np.diff(door.value))
+    if not moves.size or abs(door.value[-1]) < g.thresholds.closed_angle:
         return
-    angle = np.interp(time, g.door.time, g.door.angle)
-    differs = np.zeros(time.size, np.bool_)
-    for sensor in PASSAGE_SENSORS:
-        low, high = g.thresholds.mask(sensor.side, sensor.index)
-        true, taken = (sensor.side.sign * each for each in (angle, guess))
-        differs |= ((low < true) & (true < high)) != ((low < taken) & (taken < high))
-    if differs.any():
-        late = f"the door angle came too late for {int(differs.sum())} samples"
-        yield _PASSING, f"{late} of the passage sensors: they may have seen the panel"
+    last = moves[-1]
+    is_still = min(g.run.rows_end, door.time[-1]) - door.time[last + 1] > _STILL
+    if is_still and abs(door.value[last + 1] - door.value[last]) > _limit(g):
+        words = f"door angle does not change any more from {_when(g, door.time[last + 1])} on"
+        yield _OF_SIGNAL[Signal.DOOR], f"{words}: did the sensor freeze?"
 
 
-def _encoder(g: Grounds) -> Iterator[Doubt]:
-    count, limits = g.thresholds.encoder_count, g.thresholds.doubt
-    scaled = (*_MOTION, *EdgeKind.CLOSING.indicators)
-    for names, what, measured, usual, most in (
-        (scaled, "steps by", g.door.step, count, _SAME_SCALE * count),
-        (
-            _MOTION[:1],
-            "at rest varies by",
-            g.door.noise,
-            g.thresholds.encoder_noise,
-            limits.encoder * count,
-        ),
-    ):
-        if measured is not None and abs(measured - usual) > most:
-            angles = f"{1000 * measured:.3g} mrad, not {1000 * usual:.3g}"
-            yield names, f"another encoder: the door {what} {angles}"
+# --- zeros, scale, range
 
 
-def _door_zero(g: Grounds) -> Iterator[Doubt]:
-    """A zero that is far off or decides whether the door closed, and a door that rests ajar."""
-    before, after = g.door.before, g.door.after
-    if before is None:
+def _zeros(g: Grounds) -> Iterator[Doubt]:
+    """The closed door or the free handle is not at its zero, or the door rests elsewhere."""
+    run, door = g.run, g.run.door
+    zero, noise = run.at_rest(Signal.DOOR)
+    if abs(zero) > FARTHEST_ZERO:
+        words = f"the closed door read {1000 * zero:+.1f} mrad before the start"
+        yield _OF_SIGNAL[Signal.DOOR], words
+    if g.settled and door.time.size:
+        rest = float(door.value[door.time > door.time[-1] - 0.5].mean())
+        if abs(rest - zero) > _AJAR + max(noise, run.count / math.sqrt(12)):
+            words = f"the door rests {1000 * (rest - zero):+.0f} mrad from where it was: ajar?"
+            yield _SETTLED, words
+    handle, drift = run.signals[Signal.HANDLE], run.rest.drift
+    half = g.thresholds.touch_force / 2
+    if (touch := g.kinds.get(EdgeKind.TOUCH)) is not None:
+        free = handle.value[(handle.time > touch.time - 0.7) & (handle.time < touch.time - 0.2)]
+        off = float(np.median(free)) - g.handle_zero if free.size else 0.0
+        if abs(off) > half:
+            yield EdgeKind.TOUCH.indicators, f"the handle read {off:+.1f} N before its touch"
+    worth = g.uncertainty[_ROUGHNESS[0]]
+    if drift is not None and worth is not None and run.rest.before is not None:
+        moved = drift - (run.rest.before.mean - g.handle_zero)
+        if abs(moved) > max(half, worth.expanded):
+            words = f"the free handle reads {moved:+.1f} N more after the run than before"
+            yield _ROUGHNESS, f"{words}: was it zeroed in between?"
+
+
+def _scale(g: Grounds) -> Iterator[Doubt]:
+    """The door moves in other steps than its encoder's; a continuous angle has none."""
+    steps = np.abs(np.diff(g.run.door.value))
+    steps = np.sort(steps[steps > 1e-9])
+    usual = g.thresholds.encoder_count
+    if steps.size <= 10 or abs(steps[2] - usual) <= _SCALE * usual:
         return
-    if abs(before) > FARTHEST_ZERO or g.zero_shift() == math.inf:
-        words = f"the closed door read {1000 * before:+.1f} mrad before the start"
-        yield _computed_of(Signal.DOOR), words
-    settled = g.completed and g.procedure.lock_detection is LockDetection.SETTLE
-    if not settled or after is None:
-        return
-    least_noise = g.thresholds.encoder_count / math.sqrt(12)  # of its steps
-    if abs(after - before) > g.thresholds.near_zero + max(g.door.noise, least_noise):
-        rests = f"the door rests at {1000 * after:+.0f} mrad, before the start at"
-        yield _SETTLED, f"{rests} {1000 * before:+.0f}: ajar?"
+    counts = steps / steps[2]
+    if (np.abs(counts - np.rint(counts)) < 0.1).mean() > 0.9:
+        words = f"the door steps by {1000 * steps[2]:.3g} mrad, not {1000 * usual:.3g}"
+        names = (*_MOTION, *EdgeKind.CLOSING.indicators)
+        yield names, f"{words}: is the encoder another one (encoder_counts)?"
 
 
-def information(g: Grounds) -> Iterator[str]:
-    """What a reader of the values has to know, but nobody has to decide."""
-    if g.brake_ends_range and g.force_ends_range:
-        end = g.thresholds.largest_force
-        yield f"handle force: at least {end:.0f} N, where the load cell's range and the brake end"
-    if g.door.before is not None and 0 < (shift := g.zero_shift()) < math.inf:
-        moves = f"this moves execution and passage time by {shift:.2f} s"
-        yield f"door angle: the closed door read {1000 * g.door.before:+.1f} mrad, {moves}"
+def _top_force(g: Grounds) -> tuple[float, int]:
+    """The largest force of the run, N, and how many samples have it."""
+    handle = g.run.signals[Signal.HANDLE]
+    size = np.abs(handle.value[(handle.time >= g.run.start) & (handle.time <= g.run.rows_end)])
+    top = float(size.max(initial=0.0))
+    return top, int((size == top).sum())
+
+
+def _brake_ends_range(g: Grounds) -> bool:
+    return largest_brake(g.condition.benchmark_type) >= g.thresholds.largest_force
 
 
 def _range_end(g: Grounds) -> Iterator[Doubt]:
-    """A force at the end of what the load cell can say, or clipped, where the brake is weaker."""
-    force = g.rows.force
-    if g.brake_ends_range or not force.size:
+    """The largest force is where the load cell's range ends, or is there three times."""
+    top, times = _top_force(g)
+    is_clipped = times >= _CLIPPED and top - abs(g.handle_zero) > g.thresholds.touch_force
+    if _brake_ends_range(g):
         return
-    top = force[int(np.argmax(np.abs(force)))]
-    longest = max((last - first for first, last in runs(force == top)), default=0)
-    pressed = abs(top - g.handle_zero) > g.thresholds.touch_force
-    if g.force_ends_range:
-        end = f"{g.thresholds.largest_force:.0f} N: it may have been more"
-        yield (Name.ROUGHNESS_OF_DOOR_ACTUATION,), f"the load cell's range ends at {end}"
-    elif pressed and longest >= g.thresholds.doubt.clipped:
-        words = f"the largest force stands still for {longest} samples: clipped"
-        yield (Name.ROUGHNESS_OF_DOOR_ACTUATION,), words
+    if top >= _RANGE_END * g.thresholds.largest_force:
+        end = g.thresholds.largest_force
+        yield _ROUGHNESS, f"the load cell's range ends at {end:.0f} N: it may have been more"
+    elif is_clipped:
+        yield _ROUGHNESS, f"{times} samples have the largest force: is the load cell at its end?"
 
 
-def _impossible(g: Grounds) -> Iterator[Doubt]:
-    """Impossible door angles, steps and back included, which the filters step over as a hole."""
-    times = g.impossible_angles[_within_filters(g, g.impossible_angles)]
-    if times.size:
-        most = f"{g.thresholds.largest_angle:g} rad"
-        yield _MOTION, f"the door angle is beyond {most}, which it cannot be, {_when(g, times)}"
+# --- clocks, latch, publishers
 
 
-def _within_filters(g: Grounds, times: Array) -> NDArray[np.bool_]:
-    if not g.ruleset.cut_rows:
-        return np.ones(times.shape, np.bool_)
-    return (times >= g.start - _FILTER_REACH) & (times <= g.end + _FILTER_REACH)
+def _clocks(g: Grounds) -> Iterator[Doubt]:
+    """Edges that a time joins were stamped with delays that differ by over an interval."""
+    run = g.run
+    needed = [s for signal, s in run.signals.items() if s.time.size > 1 and not signal.optional]
+    intervals = [float(np.median(np.diff(series.time))) for series in needed]
+    allowed = min(max(intervals, default=_GAP), _GAP)
+    apart: dict[str, list[Name]] = {}
+    for name in (
+        Name.EXECUTION_TIME,
+        Name.TIME_TO_HANDLE,
+        Name.DOOR_OCCUPATION_TIME,
+        Name.PASSAGE_TIME,
+    ):
+        delays = _delays(g, name)
+        first = min(delays, key=delays.__getitem__, default=None)
+        last = max(delays, key=delays.__getitem__, default=None)
+        if first is None or last is None or delays[last] - delays[first] <= allowed:
+            continue
+        difference = 1000 * (delays[last] - delays[first])
+        words = f"stamps of {last} are {difference:.0f} ms later than those of {first}"
+        apart.setdefault(f"{words}: do their clocks agree?", []).append(name)
+    for words, names in apart.items():
+        yield tuple(names), words
+    for signal, series in run.signals.items():
+        late = series.log - series.time
+        least = np.minimum.reduceat(late, np.arange(0, late.size, _TOGETHER)) if late.size else late
+        if least.size and not signal.optional and np.ptp(least) > allowed:
+            words = f"{signal.value}: its clock stepped or ran away by {np.ptp(least):.2f} s"
+            yield _OF_SIGNAL.get(signal, _PASSING), words
 
 
-def _when(g: Grounds, times: Array) -> str:
-    count = f"{times.size} times, first" if times.size > 1 else "once,"
-    return f"{count} {float(times[0]) - g.start:.2f} s after the start"
-
-
-def _stuck(g: Grounds) -> Iterator[Doubt]:
-    still = np.diff(g.force) == 0
-    at_rest = still[g.force_time[1:] < g.start]
-    if at_rest.size < FEWEST_SAMPLES or at_rest.mean() >= 0.5:
-        return  # its steps are coarser than its noise
-    # so many equal samples in a row come by chance in fewer than one run of a thousand
-    fewest = max(2.0, math.log(_BY_CHANCE) / math.log(max(float(at_rest.mean()), _BY_CHANCE)))
-    stretches = [
-        (last - first, float(g.force_time[last] - g.force_time[first]))
-        for first, last in runs(still)
-        if g.force_time[first] < g.end and g.force_time[last] > g.start
-    ]
-    count, longest = max(stretches, default=(0, 0.0))
-    if count >= fewest:
-        yield _FORCE, f"the handle force does not change for {longest:.2f} s"
-
-
-def _uneven(
-    g: Grounds,
-    indicators: Mapping[Name, Indicator],
-    uncertainty: Mapping[Name, Uncertainty | None],
-) -> Iterator[Doubt]:
-    """Another rate about the largest acceleration: its filters take the mean of all intervals."""
-    name, counter = Name.UNSAFETY_OF_DOOR_OPERATION, g.counters.get(Signal.DOOR)
-    value, worth, every = indicators[name].value, uncertainty[name], g.joint.time
-    if value is None or worth is None or counter is None or not counter.interval:
-        return
-    at = g.rows.joint_state.time[int(np.nanargmax(np.abs(g.rows.low_passed)))]
-    intervals = np.diff(every[np.abs(every - at) <= g.thresholds.doubt.filter_reach])
-    local = float(intervals[intervals <= g.thresholds.largest_gap].mean())
-    if abs((counter.interval / local) ** 2 - 1) * value > max(worth.expanded, _UNEVEN * value):
-        rates = f"{1 / local:.1f} Hz near the largest acceleration, else {1 / counter.interval:.1f}"
-        yield (name,), f"the door is sampled at {rates}"
+def _delays(g: Grounds, name: Name) -> dict[str, float]:
+    """How far reception lies behind the stamps, s, about each edge that a time joins."""
+    with_start = name.spec.with_the_start
+    delays = {"the start": 0.0} if with_start else {}
+    for edge in g.run.edges:
+        if name not in edge.kind.indicators:
+            continue
+        masks = edge.kind.under_sensors and _is_open(g, edge.time)
+        for signal in {edge.signal, Signal.DOOR} if masks else {edge.signal}:
+            series = g.run.signals[signal]
+            near = np.abs(series.time - edge.time) < 0.5
+            if near.any():
+                least = float((series.log - series.time)[near].min())
+                delays[signal.value] = max(least, delays.get(signal.value, -math.inf))
+    return delays
 
 
 def _latch(g: Grounds) -> Iterator[Doubt]:
-    """A latch sensor that the door contradicts, that spoke too late, or that fell silent."""
-    if g.completed and g.procedure.lock_detection is LockDetection.SETTLE:
-        states = g.evidence.latch[: edges_until(g.evidence.latch, g.rows_end)]
-        if states and not states[-1].value:
-            yield _SETTLED, "the latch said disengaged when the door's rest completed the run"
-        elif states and not g.evidence.latch_before_start:
-            yield _SETTLED, "the latch spoke only after the start: the door's rest was the lock"
-    counter, unlocking = g.counters.get(Signal.LATCH), g.procedure.steps[1]
-    if g.procedure.lock_detection is not LockDetection.SENSOR or counter is None:
+    """The door's rest completed a run whose latch said otherwise, or spoke too late."""
+    if not g.settled:
         return
-    opened = {EdgeKind.TOUCH, EdgeKind.OPENING} <= {edge.kind for edge in g.edges}
-    if opened and unlocking.sensors is None:
-        words = "the door opened, but the latch sensor never said that it was unlocked"
-        yield EdgeKind.CLOSING.indicators, words
-    silent = min(g.end, g.recorded_until) - counter.read_until
-    if counter.interval and silent > _LATCH_SILENT:
-        yield EdgeKind.CLOSING.indicators, f"latch: silent in the last {silent:.1f} s of the run"
+    states = [edge for edge in g.evidence.latch if edge.time <= g.run.rows_end]
+    if states and not states[-1].value:
+        yield _SETTLED, "the latch said disengaged when the door's rest completed the run"
+    elif states and not g.evidence.latch_before_start:
+        yield _SETTLED, "the latch spoke only after the start: the door's rest was the lock"
 
 
-def _unfinished(g: Grounds) -> Iterator[Doubt]:
+def _publishers(g: Grounds) -> Iterator[Doubt]:
+    """Two publishers of a signal, what the reader found wrong, or a step that is missing."""
+    for signal, series in g.run.signals.items():
+        back = np.flatnonzero((np.diff(series.sequence) < 0) & (series.sequence[1:] > 0)) + 1
+        times = [t for t in series.time[back] if g.run.start <= t <= g.run.rows_end]
+        if times:
+            words = f"{signal.value}: another publisher, or one started again, {_when(g, times[0])}"
+            yield _OF_SIGNAL.get(signal, _PASSING), words
+    for words, signal in g.misread.items():
+        yield _OF_SIGNAL.get(signal, _PASSING), words
     undone = [step for step in g.procedure.steps if not step.done]
-    if g.completed and g.recorded_until >= g.end and undone and not undone[0].denied:
+    is_whole = g.missing_end <= _GAP  # else that is the cause
+    if g.run.completed and is_whole and undone and not undone[0].denied:
         words = f"it ended as completed, but step {undone[0].step:d} is not in the recording"
         yield EdgeKind.CLOSING.indicators, words
-
-
-def _drift(g: Grounds) -> Iterator[Doubt]:
-    drift, most = g.rest.drift, g.thresholds.doubt.drift * g.thresholds.touch_force
-    if drift is not None and abs(drift) > most and g.drift_shift() > LONGEST_SHIFT:
-        words = f"the handle at rest after the run is {drift:+.2f} N off its zero"
-        yield EdgeKind.TOUCH.indicators, words
-
-
-def _chatter(g: Grounds) -> Iterator[Doubt]:
-    times, allowed = g.door_edges, g.thresholds.doubt.chatter
-    within = zip(times, times[allowed:], strict=False)
-    if any(last - first <= 1.0 for first, last in within):
-        yield _CLOSING_TIMES, f"the door opens and closes more than {allowed} times within a second"
-
-
-def _newcomers(g: Grounds) -> Iterator[Doubt]:
-    """Values of a signal that a second publisher sent, too."""
-    for signal, counter in g.counters.items():
-        since = next((t for t in counter.restarts if g.start <= t <= g.rows_end), None)
-        if since is None:
-            continue
-        settled = {edge.kind for edge in g.edges if edge.signal is signal and edge.time < since}
-        when = f"from {since - g.start:.2f} s after the start on"
-        words = f"{signal.value}: another publisher, or one started again, {when}"
-        yield _computed_of(signal, settled), words
-
-
-def _computed_of(signal: Signal, settled: Container[EdgeKind] = ()) -> tuple[Name, ...]:
-    """The indicators of a signal, except those whose edges are already settled."""
-    kinds = [kind for kind in EdgeKind if signal in kind.signals and kind not in settled]
-    names = {Signal.DOOR: _MOTION, Signal.HANDLE: _FORCE[-1:]}.get(signal, ())
-    return (*names, *(name for kind in kinds for name in kind.indicators))
-
-
-def _delays(g: Grounds) -> Iterator[Doubt]:
-    """Stamps with different delays of signals that an indicator joins; the start's has none."""
-    joined: dict[Name, set[tuple[Signal, float]]] = {name: set() for name in Name}
-    for edge in g.edges:
-        masked = edge.kind in _UNDER_SENSORS and _may_be_masked(g, edge)
-        for name in edge.indicators:
-            joined[name].add((edge.signal, edge.time))
-            joined[name] |= {(Signal.DOOR, edge.time)} if masked else set()
-    largest: dict[str, float] = {}
-    doubted: dict[str, list[Name]] = {}
-    for name, edges in joined.items():
-        delays = [("the clock of the start", 0.0, 0.0)] if name in _FROM_START else []
-        for signal, time in sorted(edges, key=lambda edge: (edge[0].value, edge[1])):
-            counter = g.counters.get(signal)
-            delay = None if counter is None else counter.delay_near(time)
-            if counter is not None and delay is not None and counter.interval is not None:
-                delays.append((signal.value, delay, counter.interval))
-        for (first, delay, interval), (second, of_other, often) in combinations(delays, 2):
-            difference = abs(delay - of_other)
-            if difference > g.thresholds.doubt.delay_intervals * max(interval, often):
-                between = (
-                    f"{second} and {first}" if first != second else f"{first}, early and late,"
-                )
-                largest[between] = max(difference, largest.get(between, 0.0))
-                doubted.setdefault(between, []).append(name)
-    for between, difference in largest.items():
-        words = f"stamps of {between} differ in delay by {1000 * difference:.0f} ms"
-        yield tuple(doubted[between]), words
-
-
-def _may_be_masked(g: Grounds, edge: DecidingEdge) -> bool:
-    near = np.abs(g.door.time - edge.time) <= g.thresholds.doubt.gap_reach
-    angles = np.abs(g.door.angle[near])
-    furthest = max(g.thresholds.mask_to_cw + g.thresholds.mask_to_ccw)
-    return bool(((angles > min(g.thresholds.mask_from)) & (angles < furthest)).any())
-
-
-def _rate(g: Grounds) -> Iterator[Doubt]:
-    counter = g.counters.get(Signal.DOOR)
-    if counter is None or not counter.interval:
-        return
-    rate, nominal = 1 / counter.interval, g.thresholds.rate
-    if not math.isclose(rate, nominal, rel_tol=0, abs_tol=g.thresholds.doubt.rate * nominal):
-        words = f"the door is sampled at {rate:.1f} Hz, the testbed's rate is {nominal:g} Hz"
-        yield (Name.SMOOTHNESS_OF_DOOR_ACTUATION,), words
-
-
-def _misread(g: Grounds) -> Iterator[Doubt]:
-    for words, signal in g.doubted.items():
-        yield _computed_of(signal), words

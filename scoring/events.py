@@ -1,25 +1,16 @@
 """From samples to events, one sample at a time (protocol section 4).
 
-The same detector serves the live view and the scoring of a recording. Samples of one signal come
-in the order of their stamps; signals are joined by their stamps, whichever comes first.
+The same detector serves the live view and the scoring of a recording. Samples come in the order of
+their stamps.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from itertools import zip_longest
 
-from scoring.deciding_edges import (
-    DecidingEdge,
-    EdgeKind,
-    departure,
-    door_edges,
-    first_rise,
-    passage_edge,
-)
-from scoring.panel_angles import PanelAngles
+from scoring.edges import BinarySignal, DecidingEdge, Edge, EdgeKind, edges_until
+from scoring.procedure import Evidence
 from scoring.protocol import (
     PASSAGE_SENSORS,
     Condition,
@@ -32,34 +23,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.quality import all_in_range, is_reading
-from scoring.rulesets import PROTOCOL, Ruleset
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
-from scoring.signals import BinarySignal, Edge
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What the sensors say about the six steps (section 7); times in s since the epoch.
-
-    Read it before the next sample is fed: edges are not copied, a flickering signal has thousands.
-
-    Attributes:
-        door: opening (True) and closing edges.
-        door_seen: time of the newest door sample.
-        latch: states from the start on, the one at the start included.
-        latch_before_start: whether the latch delivered a value before the start.
-        crossed: live, since when the crossing holds; after the stop, the time of
-            `humanoid_moves_to_<destination>_side`.
-    """
-
-    start: float
-    stop: float | None
-    touched: float | None
-    door: Sequence[Edge]
-    door_seen: float | None
-    latch: Sequence[Edge]
-    latch_before_start: bool
-    crossed: float | None
 
 
 class EventDetector:
@@ -67,8 +31,7 @@ class EventDetector:
 
     Attributes:
         changes: grows with all that changes events or evidence, except for `door_seen`.
-        on_passage: called with each passage sample once it counts, and the door angle, rad, by
-            which it was masked.
+        angle: the newest door angle, rad; None before the first.
     """
 
     def __init__(
@@ -76,47 +39,28 @@ class EventDetector:
         condition: Condition,
         start: float,
         thresholds: Thresholds,
-        ruleset: Ruleset = PROTOCOL,
         handle_zero: float = 0.0,
     ) -> None:
-        self._starting, self._destination = condition.starting_side, condition.destination_side
+        self._condition = condition
         self._start = start
         self._thresholds = thresholds
-        self._ruleset = ruleset
         self._zero = handle_zero
         self.changes = 0
-        self.on_passage: Callable[[PassageSample, float], None] | None = None
-        self._lintel = thresholds.lintel_height
-        self._present_height = ruleset.present_height or thresholds.present_height
-        masks = thresholds.mask_to_cw + thresholds.mask_to_ccw
-        self._masked_angles = min(thresholds.mask_from), max(masks)  # elsewhere none is masked
-        self._angle: float | None = None
-        self.angles = PanelAngles(self._join_passage)
+        self.angle: float | None = None
         self._door_seen: float | None = None
-        self._largest_angle = ruleset.largest_angle(thresholds)
-        self._largest_force = ruleset.largest_force(thresholds)
         self._door = BinarySignal()
         self._touch = BinarySignal()
-        self._sensors = {s: BinarySignal() for s in PASSAGE_SENSORS}
+        self._sensors = {sensor: BinarySignal() for sensor in PASSAGE_SENSORS}
         self._of_strip = {
             strip: tuple((s, self._sensors[s]) for s in PASSAGE_SENSORS if s.strip is strip)
             for strip in Strip
         }
-        self._occupied = dict.fromkeys(Side, 0)  # so many sensors of each side have something below
-        # a fall: when, and whether on the destination side, whose fall counts of two at one instant
-        self._falls: list[tuple[float, bool]] = []
-        self._newest_fall: tuple[float, bool] | None = None
+        masks = thresholds.mask_to_cw + thresholds.mask_to_ccw
+        self._masked_angles = min(thresholds.mask_from), max(masks)  # elsewhere none is masked
+        self._newest_fall: tuple[float, bool] | None = None  # and whether on the destination side
         self._crossed_since: float | None = None
-        self._newest_change = start
         self._latch: list[Edge] = []
-        self._latch_events: list[Event] = []
         self._latch_before_start = False
-        self._latch_seen: float | None = None
-
-    @property
-    def angle(self) -> float | None:
-        """The newest door angle, rad; None before the first."""
-        return self._angle
 
     @property
     def door_is_open(self) -> bool | None:
@@ -141,111 +85,75 @@ class EventDetector:
             for sensor, level in self._sensors.items()
         }
 
-    def under(self, strip: Strip) -> Iterator[tuple[PassageSensor, bool | None]]:
-        return ((sensor, level.state) for sensor, level in self._of_strip[strip])
-
     def feed(self, sample: Sample) -> None:
         """Take the next sample. Values that are no reading change nothing."""
-        self.angles.end_waits(sample.log_time)
         match sample:
-            case PassageSample():
-                self.angles.add_passage(sample)
             case DoorSample():
                 self._feed_door(sample)
             case HandleSample():
-                if abs(sample.force) <= self._largest_force:
+                if abs(sample.force) <= self._thresholds.impossible_force:
                     touched = abs(sample.force - self._zero) > self._thresholds.touch_force
                     self.changes += self._touch.update(sample.time, touched, self._start)
+            case PassageSample():
+                self._feed_passage(sample)
             case LatchSample():
                 self._feed_latch(sample)
 
     def _feed_door(self, sample: DoorSample) -> None:
-        if not abs(sample.angle) <= self._largest_angle:
-            return
-        self._angle = sample.angle
-        self._door_seen = sample.time
-        self.angles.add_door(sample)
-        is_open = abs(sample.angle) >= self._thresholds.closed_angle
-        self.changes += self._door.update(sample.time, is_open, self._start)
+        if abs(sample.angle) <= self._thresholds.largest_angle:
+            self.angle = sample.angle
+            self._door_seen = sample.time
+            is_open = abs(sample.angle) >= self._thresholds.closed_angle
+            self.changes += self._door.update(sample.time, is_open, self._start)
 
-    def finish(self) -> None:
-        """The recording has ended: passage samples wait for no later door angle."""
-        self.angles.end_waits(math.inf)
-
-    def _join_passage(self, sample: PassageSample, angle: float) -> None:
+    def _feed_passage(self, sample: PassageSample) -> None:
+        angle = self.angle or 0.0
         nearest, farthest = self._masked_angles
         passing = nearest < abs(angle) < farthest
-        in_range, lintel, highest = all_in_range(sample), self._lintel, self._present_height
+        in_range, thresholds = all_in_range(sample), self._thresholds
         for sensor, level in self._of_strip[sample.strip]:
-            if passing and self._thresholds.masked(sensor.side, sensor.index, angle):
-                if not self._ruleset.masked_is_absent:
-                    continue
-                present = False
-            elif in_range or is_reading(sample, sensor.element):
-                present = lintel - sample.ranges[sensor.element] > highest
-            else:
+            if passing and thresholds.masked(sensor.side, sensor.index, angle):
                 continue
-            edges_before, before = len(level.edges), level.state
-            if level.update(sample.time, present, self._start):
+            if not (in_range or is_reading(sample, sensor.element)):
+                continue
+            height = thresholds.lintel_height - sample.ranges[sensor.element]
+            if level.update(sample.time, height > thresholds.present_height, self._start):
                 self.changes += 1
-                self._occupied[sensor.side] += bool(level.state) - bool(before)
-                if level.state is not before or len(level.edges) > edges_before:
-                    self._follow_sensor(sensor, level.edges[edges_before:], sample.time)
-        if self.on_passage is not None:
-            self.on_passage(sample, angle)
-
-    def _follow_sensor(self, sensor: PassageSensor, edges: Sequence[Edge], time: float) -> None:
-        for edge in edges:
-            if not edge.value:
-                fall = (edge.time, sensor.side is self._destination)
-                self._falls.append(fall)
-                if self._newest_fall is None or fall > self._newest_fall:
-                    self._newest_fall = fall
-        self._newest_change = max(self._newest_change, edges[-1].time if edges else time)
-        self._follow_crossing(self._newest_change)
+                if level.edges and level.edges[-1] == (sample.time, False):
+                    fall = (sample.time, sensor.side is self._condition.destination_side)
+                    self._newest_fall = max(fall, self._newest_fall or fall)
+                self._follow_crossing(sample.time)
 
     def _follow_crossing(self, time: float) -> None:
         """Section 7, "while the run goes on": keep since when step 4 holds."""
-        fall, occupied = self._newest_fall, self._occupied
-        fell_there = fall is not None and fall[1]
-        holds = not occupied[self._starting] and (fell_there or occupied[self._destination] > 0)
-        if not holds:
+        occupied = {sensor.side for sensor, level in self._sensors.items() if level.state}
+        fell_there = self._newest_fall is not None and self._newest_fall[1]
+        if self._condition.starting_side in occupied or not (occupied or fell_there):
             self._crossed_since = None
         elif self._crossed_since is None:
-            self._crossed_since = time
+            self._crossed_since = max(time, self._start)
 
     def _feed_latch(self, sample: LatchSample) -> None:
-        previous, before = self.latch_engaged, self._latch_seen
-        engaged = bool(sample.engaged)
-        self._latch_seen = sample.time
         if sample.time < self._start:
             self._latch_before_start = True
             self.changes += 1
-            self._latch = [Edge(self._start, engaged)]
-            return
-        if previous is engaged:
-            return
-        self.changes += 1
-        self._latch.append(Edge(sample.time, engaged, before))
-        if previous is not None:
-            name = EventName.DOOR_IS_LOCKED if engaged else EventName.DOOR_IS_UNLOCKED
-            self._latch_events.append(Event(sample.time, name))
+            self._latch = [Edge(self._start, sample.engaged)]
+        elif self.latch_engaged is not sample.engaged:
+            self.changes += 1
+            self._latch.append(Edge(sample.time, sample.engaged))
 
     def evidence(self, stop: float | None = None) -> Evidence:
         """What is known about the steps, live (`stop` None) or for a run stopped at `stop`."""
-        if stop is not None:
-            self._begin()
-        touch = next((e.time for e in self._touch.edges if e.value), None)
         crossed = self._crossed_since
         if stop is not None:
+            self._begin()
             left = self._leaves(stop)
-            reached = left is not None and left[1] is self._destination
+            reached = left is not None and left[1] is self._condition.destination_side
             crossed = left[0] if left is not None and reached else None
-            touch = touch if touch is not None and touch <= stop else None
         return Evidence(
             start=self._start,
             stop=stop,
-            touched=touch,
+            touched=self._first_touch(stop),
             door=self._door.edges,
             door_seen=self._door_seen,
             latch=self._latch,
@@ -262,96 +170,120 @@ class EventDetector:
         """
         if stop is not None:
             self._begin()
-        end = math.inf if stop is None else stop
         events = [Event(self._start, EventName.BENCHMARK_START)]
-        touch = next((e.time for e in self._touch.edges if e.value), None)
+        touch = self._first_touch(stop)
         if touch is not None:
             events.append(Event(touch, EventName.HANDLE_IS_TOUCHED))
         since = -newest if newest else 0
-        events += [
-            Event(e.time, EventName.DOOR_OPENS if e.value else EventName.DOOR_CLOSES)
-            for e in self._door.edges[since:]
-        ]
-        events += self._latch_events[since:]
-        passage_end = math.inf if self._ruleset.passage_events_to_end else end
-        passage = self._passage_events(stop)
-        in_time = [e for e in events if e.time <= end] + [
-            e for e in passage if e.time <= passage_end
-        ]
+        for edge in self._door.edges[since:]:
+            name = EventName.DOOR_OPENS if edge.value else EventName.DOOR_CLOSES
+            events.append(Event(edge.time, name))
+        events += self.latch_events(since)
+        if (rise := self._first_rise()) is not None:
+            events.append(Event(rise[0], EventName.approaches(rise[1].side)))
+        if (left := self._leaves(stop)) is not None:
+            events.append(Event(left[0], EventName.moves_to(left[1])))
         if stop is not None:
-            in_time.append(
+            events = [event for event in events if event.time <= stop]
+            events.append(
                 Event(stop, EventName.BENCHMARK_STOP)
             )  # after what happens at its instant
-        return tuple(sorted(in_time, key=lambda e: e.time))
+        return tuple(sorted(events, key=lambda event: event.time))
+
+    def latch_events(self, since: int = 0) -> list[Event]:
+        """What the latch did after the first state that it told; of these those from `since` on."""
+        names = {True: EventName.DOOR_IS_LOCKED, False: EventName.DOOR_IS_UNLOCKED}
+        return [Event(edge.time, names[edge.value]) for edge in self._latch[1:][since:]]
 
     def deciding(self, stop: float | None = None) -> tuple[DecidingEdge, ...]:
         """The edges on which the indicators depend (section 11), live or as of the stop."""
         end = math.inf if stop is None else stop
-        candidates: list[DecidingEdge | None] = [
-            first_rise(EdgeKind.TOUCH, Signal.HANDLE, self._touch, end),
-            *door_edges(self._door, self._touch, end),
-        ]
-        rises = [(v.edges[0].time, s) for s, v in self._sensors.items() if v.edges]
-        if rises:
-            time, sensor = min(rises, key=lambda rise: rise[0])
-            arrival = passage_edge(EdgeKind.ARRIVAL, self._sensors, sensor, time)
-            candidates.append(replace(arrival, also=self._ruleset.capability.arrival_decides))
-        locked = next((e for e in reversed(self._latch) if e.value and e.time <= end), None)
-        if locked is not None and locked.since is not None:
-            # a latch that publishes changes only is sampled at the nominal rate in between
-            since = max(locked.since, locked.time - 1 / self._thresholds.rate)
-            often = self._thresholds.doubt.least_readings
-            candidates.append(
-                DecidingEdge(EdgeKind.LOCKING, Signal.LATCH, locked.time, since, often)
-            )
-        edges = [edge for edge in candidates if edge is not None and edge.time <= end]
-        left = self._leaves(stop)
-        last = None if left is None else departure(self._sensors, *left)
-        return tuple(edges) if last is None else (*edges, last)
+        found = []
+        touch = self._first_touch(end)
+        if touch is not None:
+            found.append(DecidingEdge(EdgeKind.TOUCH, Signal.HANDLE, touch))
+        if (opening := self._opening(touch)) is not None:
+            found.append(DecidingEdge(EdgeKind.OPENING, Signal.DOOR, opening))
+        count = edges_until(self._door.edges, end)
+        if count > 1 and not self._door.edges[count - 1].value:
+            time = self._door.edges[count - 1].time
+            found.append(DecidingEdge(EdgeKind.CLOSING, Signal.DOOR, time))
+        if (rise := self._first_rise()) is not None:
+            signal = Signal.of_strip(rise[1].strip)
+            found.append(DecidingEdge(EdgeKind.ARRIVAL, signal, rise[0]))
+        if (left := self._leaves(stop)) is not None:
+            found.append(DecidingEdge(EdgeKind.DEPARTURE, self._seen_by(*left), left[0]))
+        locked = [edge.time for edge in self._latch[1:] if edge.value and edge.time <= end]
+        if locked:
+            found.append(DecidingEdge(EdgeKind.LOCKING, Signal.LATCH, locked[-1]))
+        return tuple(edge for edge in found if edge.time <= end)
 
-    def _passage_events(self, stop: float | None) -> list[Event]:
-        rises = [
-            (level.edges[0].time, sensor.side)
-            for sensor, level in self._sensors.items()
-            if level.edges  # the first edge of a level is a rise
-        ]
-        events = []
-        if rises:
-            time, side = min(rises, key=lambda rise: rise[0])
-            events.append(Event(time, EventName.approaches(side)))
-        left = self._leaves(stop)
-        if left is not None:
-            events.append(Event(left[0], EventName.moves_to(left[1])))
-        return events
+    def _first_touch(self, end: float | None) -> float | None:
+        if not self._touch.edges:
+            return None
+        time = self._touch.edges[0].time  # the first edge of a level is a rise
+        return None if end is not None and time > end else time
+
+    def _opening(self, touch: float | None) -> float | None:
+        """The opening by which the door was open after the touch."""
+        edges = self._door.edges
+        count = 0 if touch is None else edges_until(edges, touch)
+        since = count - 1 if count and edges[count - 1].value else count
+        return next((edge.time for edge in edges[since : since + 2] if edge.value), None)
+
+    def _first_rise(self) -> tuple[float, PassageSensor] | None:
+        rises = [(v.edges[0].time, sensor) for sensor, v in self._sensors.items() if v.edges]
+        return min(rises, key=lambda rise: rise[0], default=None)
+
+    def _last_fall(self, end: float) -> tuple[float, Side] | None:
+        """Of two falls at one instant, that on the destination side counts."""
+        falls = []
+        for sensor, level in self._sensors.items():
+            count = edges_until(level.edges, end)
+            if count and level.edges[count - 1].value:
+                count -= 1
+            if count:
+                on_destination = sensor.side is self._condition.destination_side
+                falls.append((level.edges[count - 1].time, on_destination))
+        if not falls:
+            return None
+        time, reached = max(falls)
+        condition = self._condition
+        return time, condition.destination_side if reached else condition.starting_side
 
     def _leaves(self, stop: float | None) -> tuple[float, Side] | None:
         """When and on which side the robot left the doorway (section 7, "at the stop")."""
-        if self._ruleset.passage_events_to_end:
-            return self._left(self._newest_fall)
         if stop is None:
-            return None if any(self._occupied.values()) else self._left(self._newest_fall)
-        starting, destination = self._starting, self._destination
-        at_stop = {side: self._occupied_at(side, stop) for side in Side}
-        if all(at_stop.values()):
-            cleared = {side: self._cleared_after(side, stop) for side in Side}
-            through = cleared[starting] < cleared[destination]
-            return (stop, destination if through else starting)
-        for side in Side:
-            if at_stop[side]:
-                return (stop, side)
-        return self._left(max((fall for fall in self._falls if fall[0] <= stop), default=None))
+            occupied = any(level.state for level in self._sensors.values())
+            return None if occupied else self._last_fall(math.inf)
+        present = [side for side in Side if self._clear_time(side, stop) > stop]
+        if not present:
+            return self._last_fall(stop)
+        if len(present) == 1:
+            return stop, present[0]
+        # Both are occupied: the robot leaves on the side that it clears last.
+        starting, destination = self._condition.starting_side, self._condition.destination_side
+        if self._clear_time(starting, stop) < self._clear_time(destination, stop):
+            return stop, destination
+        return stop, starting
 
-    def _left(self, fall: tuple[float, bool] | None) -> tuple[float, Side] | None:
-        return fall and (fall[0], self._destination if fall[1] else self._starting)
+    def _clear_time(self, side: Side, time: float) -> float:
+        """When `side` is first clear from `time` on; inf = not before the recording ends."""
+        levels = [level for sensor, level in self._sensors.items() if sensor.side is side]
+        times = [e.time for level in levels for e in level.edges if e.time > time]
+        for instant in (time, *sorted(times)):
+            if not any(level.at(instant) for level in levels):
+                return instant
+        return math.inf
 
-    def _occupied_at(self, side: Side, time: float) -> bool:
-        return any(level.at(time) for s, level in self._sensors.items() if s.side is side)
-
-    def _cleared_after(self, side: Side, time: float) -> float:
-        """When `side` is first clear after `time`; inf = not before the recording ends."""
-        levels = [level for s, level in self._sensors.items() if s.side is side]
-        times = sorted(e.time for level in levels for e in level.edges if e.time > time)
-        return next((t for t in times if not any(level.at(t) for level in levels)), math.inf)
+    def _seen_by(self, time: float, side: Side) -> Signal:
+        """The strip that saw the robot leave: one whose sensor fell then, else one under it."""
+        by_side = sorted(self._sensors.items(), key=lambda item: item[0].side is not side)
+        for sensor, level in by_side:
+            if Edge(time, False) in level.edges:
+                return Signal.of_strip(sensor.strip)
+        under = (sensor for sensor, level in by_side if level.at(time))
+        return Signal.of_strip(next(under).strip)
 
     def _begin(self) -> None:
         """Signals that were up at the start rise there, even if they never spoke again."""

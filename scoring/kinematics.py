@@ -1,4 +1,4 @@
-"""Velocity, acceleration and jerk of the door.
+"""Velocity, acceleration and jerk of the door (protocol sections 5 and 6).
 
 The whole recording is filtered and then cut, so that no filter edge falls inside a run.
 """
@@ -7,25 +7,25 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.protocol import ScoringError, Thresholds
-from scoring.rulesets import JerkRule, LowPassRule, Ruleset, WindowRule
+from scoring.protocol import Thresholds
 
 Array = NDArray[np.float64]
 
-_RESPONSE = 3.0
-"""The low-pass filter has forgotten a pulse after this many periods of its frequency."""
+WINDOW_TIME = 0.2
+"""Base of the length of the moving average, s."""
 
-_STRAY = 3.0
-"""The mean interval strays by this many of its standard deviations."""
+LOW_PASS_FREQUENCY = 2.0
+"""Critical frequency of the acceleration's Butterworth filter, Hz."""
 
-_NO_STRETCH = "no stretch of the door angle without gaps is long enough for the filters"
+_ORDER = 2
+_LOW_PASS_ORDER = 5
+_PADDING = 3 * (_LOW_PASS_ORDER + 1)  # filtfilt's default
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,241 +62,127 @@ def load_filters() -> None:
     import_module("pandas")
 
 
-def joint_state(
-    time: Array, position: Array, ruleset: Ruleset, thresholds: Thresholds
-) -> JointState:
-    """Velocity and acceleration of the panel: a moving average, then Savitzky-Golay.
+def joint_state(time: Array, position: Array, thresholds: Thresholds) -> JointState:
+    """Derive velocity and acceleration of the panel: a moving average, then Savitzky-Golay.
 
-    A row without a finite position is left out, like a message that never came. `ScoringError` if
-    times do not increase.
+    Times must increase, angles be finite; both of shape (n,).
     """
-    time, position = _readings(time, position)
     velocity, acceleration = np.full(time.size, np.nan), np.full(time.size, np.nan)
-    gap = _gap(ruleset, thresholds)
-    filters = _filters(time, ruleset, gap)
-    if isinstance(filters, str):
-        return JointState(time, position, velocity, acceleration, filters)
-    for stretch in _stretches(time, np.ones(time.size, dtype=np.bool_), gap):
-        inner = slice(stretch.start + filters.edge, stretch.stop - filters.edge)
-        if inner.start < inner.stop:
-            smooth = filters.moving_average(position[stretch])
-            velocity[inner] = filters.derive(smooth, 1)
-            acceleration[inner] = filters.derive(smooth, 2)
-    reason = None if np.isfinite(acceleration).any() else _NO_STRETCH
+    interval = mean_interval(time, thresholds.largest_gap)
+    reason = _filter_problem(time, interval)
+    if interval is None or reason is not None:
+        return JointState(time, position, velocity, acceleration, reason)
+    window = window_of(interval)
+    for stretch in _stretches(time, np.ones(time.size, dtype=np.bool_), thresholds.largest_gap):
+        derived = derivatives(position[stretch], interval, window, window)
+        velocity[stretch], acceleration[stretch] = derived
+    if not np.isfinite(acceleration).any():
+        reason = "no stretch of the door angle without gaps is long enough for the filters"
     return JointState(time, position, velocity, acceleration, reason)
 
 
-def low_pass(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Array:
-    """Low-passed acceleration of a whole recording, rad/s^2, shape (n,), NaN where undefined."""
-    filtered = np.full(joint.time.size, np.nan)
-    interval = _low_pass_interval(joint, ruleset, thresholds)
-    if interval is None or low_pass_problem(joint, ruleset, thresholds) is not None:
-        return filtered
-    from scipy import signal
+def derivatives(position: Array, interval: float, average: int, savgol: int) -> tuple[Array, Array]:
+    """Return velocity and acceleration of one stretch of angles, shape (n,) each.
 
-    with np.errstate(over="ignore", invalid="ignore"):
-        match ruleset.low_pass:
-            case LowPassRule.ONE_PASS:
-                b, a = _butterworth(ruleset, interval)
-                defined = np.isfinite(joint.acceleration)
-                filtered[defined] = signal.lfilter(b, a, joint.acceleration[defined])
-            case LowPassRule.ZERO_PHASE:
-                b, a = _butterworth(ruleset, interval)
-                for stretch in _filtered_stretches(joint, ruleset, thresholds):
-                    filtered[stretch] = signal.filtfilt(b, a, joint.acceleration[stretch])
-    return or_nan(filtered)
-
-
-def low_pass_problem(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> str | None:
-    """Why no row can have a low-passed acceleration; None if some row can."""
-    if joint.reason is not None:
-        return joint.reason
-    interval = _low_pass_interval(joint, ruleset, thresholds)
-    if interval is not None and 2 * ruleset.low_pass_frequency * interval >= 1:
-        return _too_slow(interval)
-    if interval is None or not _filtered_stretches(joint, ruleset, thresholds):
-        return "no stretch of acceleration without gaps is long enough for the low-pass filter"
-    return None
-
-
-def jerk(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> tuple[Array, Array]:
-    """Times, s, and jerk, rad/s^3, of the open panel, shape (m,), all finite; none over a gap."""
-    before, after = jerk_rows(joint, ruleset, thresholds)
-    return joint.time[after], _quotients(joint, before, after)
-
-
-def jerk_rows(
-    joint: JointState, ruleset: Ruleset, thresholds: Thresholds
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The earlier and the later row of each difference quotient, which belongs to the later one."""
-    is_open = np.abs(joint.position) > thresholds.closed_angle
-    rows = np.arange(joint.time.size)
-    if ruleset.jerk is JerkRule.SELECT_THEN_DERIVE:
-        rows = rows[is_open]
-    before, after = rows[:-1], rows[1:]
-    near = joint.time[after] - joint.time[before] <= _gap(ruleset, thresholds)
-    defined = np.isfinite(_quotients(joint, before, after))
-    usable = is_open[after] & near & defined
-    return before[usable], after[usable]
-
-
-def _quotients(joint: JointState, before: NDArray[np.intp], after: NDArray[np.intp]) -> Array:
-    with np.errstate(over="ignore", invalid="ignore"):
-        changes = joint.acceleration[after] - joint.acceleration[before]
-        quotients: Array = changes / (joint.time[after] - joint.time[before])
-    return quotients
-
-
-def smoothed(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> JointState:
-    """The motion of a panel without the steps of its encoder: of its moving average."""
-    filters = _filters(joint.time, ruleset, _gap(ruleset, thresholds))
-    if isinstance(filters, str):
-        return joint
-    position = joint.position.copy()
-    half = filters.average // 2
-    every = np.ones(joint.time.size, dtype=np.bool_)
-    for stretch in _stretches(joint.time, every, _gap(ruleset, thresholds)):
-        if stretch.stop - stretch.start > 2 * half:
-            inner = slice(stretch.start + half, stretch.stop - half)
-            average = filters.moving_average(joint.position[stretch])
-            position[inner] = np.where(np.isfinite(average), average, position[inner])
-    return joint_state(joint.time, position, ruleset, thresholds)
-
-
-def noise_kernel(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> Array | None:
-    """Weights that noise of the door angle has in the acceleration, an odd number, 1/s^2.
-
-    Moving average and Savitzky-Golay as one convolution; None where the filters cannot run.
+    `interval` is between samples, s; `average` and `savgol` are the lengths of the windows. Rows at
+    which a window is incomplete are NaN.
     """
-    filters = _filters(joint.time, ruleset, _gap(ruleset, thresholds))
-    if isinstance(filters, str):
-        return None
+    velocity, acceleration = np.full(position.size, np.nan), np.full(position.size, np.nan)
+    half, reach = average // 2, savgol // 2
+    inner = slice(half + reach, position.size - half - reach)
+    if inner.start >= inner.stop:
+        return velocity, acceleration
+    import pandas as pd
     from scipy import signal
 
-    average = np.full(filters.average, 1 / filters.average)
-    derive = signal.savgol_coeffs(filters.savgol, filters.order, deriv=2, delta=filters.interval)
-    kernel: Array = np.convolve(average, derive)
-    return kernel
-
-
-def low_pass_response(
-    joint: JointState, ruleset: Ruleset, thresholds: Thresholds, kernel: Array
-) -> Array:
-    """As `noise_kernel`, of the low-passed acceleration; one weight where there is none."""
-    interval = _low_pass_interval(joint, ruleset, thresholds)
-    if interval is None or low_pass_problem(joint, ruleset, thresholds) is not None:
-        return np.zeros(1)
-    from scipy import signal
-
-    half = kernel.size // 2 + math.ceil(_RESPONSE / ruleset.low_pass_frequency / interval)
-    pulse = np.zeros(2 * half + 1)
-    pulse[half - kernel.size // 2 : half + kernel.size // 2 + 1] = kernel
-    sections = signal.iirfilter(**_low_pass_design(ruleset, interval), output="sos")
-    response: Array = signal.sosfilt(sections, pulse)
-    if ruleset.low_pass is not LowPassRule.ONE_PASS:
-        response = signal.sosfilt(sections, response[::-1])[::-1]
-    return response
-
-
-@dataclass(frozen=True, slots=True)
-class _Filters:
-    """A centred moving average of `average` samples, then Savitzky-Golay of `savgol` samples."""
-
-    average: int
-    savgol: int
-    order: int
-    interval: float
-
-    @property
-    def edge(self) -> int:
-        """Rows at each end of a stretch at which either window is incomplete."""
-        return self.average // 2 + self.savgol // 2
-
-    def moving_average(self, position: Array) -> Array:
-        import pandas as pd
-
-        means = pd.Series(position).rolling(self.average, center=True).mean()
-        half = self.average // 2
-        return means.to_numpy(dtype=np.float64)[half : position.size - half]
-
-    def derive(self, smooth: Array, derivative: int) -> Array:
-        from scipy import signal
-
+    means = pd.Series(position).rolling(average, center=True).mean().to_numpy(dtype=np.float64)
+    smooth = means[half : position.size - half]
+    for derivative, derived in ((1, velocity), (2, acceleration)):
+        # constant: the edges are dropped, fit nothing there
         values = signal.savgol_filter(
-            smooth,
-            self.savgol,
-            self.order,
-            deriv=derivative,
-            delta=self.interval,
-            mode="constant",  # the edges are dropped: fit nothing there
+            smooth, savgol, _ORDER, deriv=derivative, delta=interval, mode="constant"
         )
-        half = self.savgol // 2
-        return or_nan(values[half : smooth.size - half])
+        derived[inner] = or_nan(values[reach : smooth.size - reach])
+    return velocity, acceleration
 
 
-def _readings(time: Array, position: Array) -> tuple[Array, Array]:
-    time, position = np.asarray(time, dtype=np.float64), np.asarray(position, dtype=np.float64)
-    if time.ndim != 1 or time.shape != position.shape:
-        raise ScoringError(
-            f"door angle: {time.shape} times for {position.shape} angles: give one of each a row"
+def low_pass(joint: JointState, thresholds: Thresholds) -> tuple[Array, str | None]:
+    """Return the low-passed acceleration, rad/s^2, shape (n,), NaN where undefined.
+
+    Beside it stands why no row has one; None if some row has.
+    """
+    filtered = np.full(joint.time.size, np.nan)
+    interval = mean_interval(joint.time, thresholds.largest_gap)
+    if joint.reason is not None or interval is None:
+        return filtered, joint.reason
+    if 2 * LOW_PASS_FREQUENCY * interval >= 1:
+        return filtered, _too_slow(interval)
+    from scipy import signal
+
+    b, a = butterworth(interval)
+    stretches = _stretches(joint.time, np.isfinite(joint.acceleration), thresholds.largest_gap)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for stretch in stretches:
+            if stretch.stop - stretch.start > _PADDING:
+                filtered[stretch] = signal.filtfilt(b, a, joint.acceleration[stretch])
+    filtered = or_nan(filtered)
+    if not np.isfinite(filtered).any():
+        return filtered, (
+            "no stretch of acceleration without gaps is long enough for the low-pass filter"
         )
-    read = np.isfinite(time) & np.isfinite(position)
-    time, position = time[read], position[read]
-    if (time[1:] <= time[:-1]).any():
-        raise ScoringError("door angle: times do not increase: drop duplicate and backward stamps")
-    return time, position
+    return filtered, None
 
 
-def _gap(ruleset: Ruleset, thresholds: Thresholds) -> float:
-    return thresholds.largest_gap if ruleset.knows_gaps else math.inf
+def butterworth(interval: float) -> tuple[Array, Array]:
+    """Design the low-pass filter for a sampling interval, s."""
+    from scipy import signal
+
+    b, a = signal.iirfilter(
+        N=_LOW_PASS_ORDER,
+        Wn=LOW_PASS_FREQUENCY,
+        btype="lowpass",
+        ftype="butter",
+        fs=1 / interval,
+    )
+    return b, a
 
 
-def _interval(time: Array, largest_gap: float) -> float | None:
+def jerk(joint: JointState, thresholds: Thresholds) -> tuple[Array, Array]:
+    """Times, s, and jerk, rad/s^3, of the open panel, shape (m,), all finite; none over a gap."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        quotients: Array = np.diff(joint.acceleration) / np.diff(joint.time)
+    is_open = np.abs(joint.position[1:]) > thresholds.closed_angle
+    usable = is_open & (np.diff(joint.time) <= thresholds.largest_gap) & np.isfinite(quotients)
+    return joint.time[1:][usable], quotients[usable]
+
+
+def mean_interval(time: Array, largest_gap: float = math.inf) -> float | None:
+    """The mean of the intervals that are no gaps, s; None without any."""
     intervals = np.diff(time)
     intervals = intervals[intervals <= largest_gap]
     return float(intervals.mean()) if intervals.size else None
 
 
-def _filters(time: Array, ruleset: Ruleset, gap: float) -> _Filters | str:
+def window_of(interval: float) -> int:
+    """The smallest odd number of samples >= 0.2 s x rate - 1, with the rate in whole Hz."""
+    rate = math.floor(1 / interval + 0.5)
+    # rounded: a product such as 0.2 * 55 must not exceed 11 by its last digit
+    least = math.ceil(round(WINDOW_TIME * rate - 1, 9))
+    return max(1, least + (least + 1) % 2)
+
+
+def or_nan(values: Array) -> Array:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _filter_problem(time: Array, interval: float | None) -> str | None:
     if not time.size:
         return "no door angle recorded"
-    interval = _interval(time, gap)
     if interval is None and time.size > 1:
         return _too_slow(float(np.diff(time).mean()))
-    if interval is None or ruleset.window_time / interval > time.size:
+    if interval is None or WINDOW_TIME / interval > time.size:
         return "too few door angles recorded for the filters"
-    average, savgol = _windows(interval, ruleset)
-    if min(average, savgol) < 3:
-        return _too_slow(interval)
-    return _Filters(average, savgol, ruleset.savgol_order, interval)
-
-
-def _windows(interval: float, ruleset: Ruleset) -> tuple[int, int]:
-    if ruleset.windows is WindowRule.COVERING:
-        average = 1 + 2 * math.ceil(ruleset.window_time / interval / 2)
-    else:
-        rate = math.floor(1 / interval + 0.5)
-        # rounded: a product such as 0.2 * 55 must not exceed 11 by its last digit
-        least = math.ceil(round(ruleset.window_time * rate - 1, 9))
-        average = max(1, least + (least + 1) % 2)
-    return average, ruleset.savgol_window or average
-
-
-def other_windows(time: Array, ruleset: Ruleset) -> Ruleset | None:
-    """The rules with the other length of the moving average, where chance decides on it.
-
-    `COVERING` windows jump where the mean interval divides the window's time evenly, as 0.02 s
-    does; the jitter of the first and the last stamp then decides.
-    """
-    if ruleset.windows is not WindowRule.COVERING or time.size < 3:
-        return None
-    intervals = np.diff(time)
-    halves = ruleset.window_time / float(intervals.mean()) / 2
-    stray = _STRAY * float(intervals.std()) / (time[-1] - time[0])
-    if abs(halves - round(halves)) > stray * halves:
-        return None
-    nudge = 1 + 2 * stray if math.ceil(halves) == round(halves) else 1 - 2 * stray
-    return replace(ruleset, window_time=ruleset.window_time * nudge)
+    return _too_slow(interval) if window_of(interval) < 3 else None
 
 
 def _too_slow(interval: float) -> str:
@@ -305,45 +191,7 @@ def _too_slow(interval: float) -> str:
 
 def _stretches(time: Array, defined: NDArray[np.bool_], largest_gap: float) -> list[slice]:
     """Longest runs of defined rows without gaps between them."""
-    if not time.size:
-        return []
     borders = np.flatnonzero((np.diff(time) > largest_gap) | (defined[1:] != defined[:-1])) + 1
     bounds = [0, *borders.tolist(), time.size]
     runs = (slice(first, end) for first, end in itertools.pairwise(bounds))
-    return [run for run in runs if defined[run.start]]
-
-
-def _low_pass_interval(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> float | None:
-    if ruleset.knows_gaps:
-        return _interval(joint.time, thresholds.largest_gap)
-    return _interval(joint.time[np.isfinite(joint.acceleration)], math.inf)
-
-
-def _filtered_stretches(joint: JointState, ruleset: Ruleset, thresholds: Thresholds) -> list[slice]:
-    defined = np.isfinite(joint.acceleration)
-    stretches = _stretches(joint.time, defined, _gap(ruleset, thresholds))
-    if ruleset.low_pass is LowPassRule.ONE_PASS:
-        return stretches
-    padding = 3 * (ruleset.low_pass_order + 1)  # filtfilt's default
-    return [stretch for stretch in stretches if stretch.stop - stretch.start > padding]
-
-
-def _butterworth(ruleset: Ruleset, interval: float) -> tuple[Array, Array]:
-    from scipy import signal
-
-    b, a = signal.iirfilter(**_low_pass_design(ruleset, interval))
-    return b, a
-
-
-def _low_pass_design(ruleset: Ruleset, interval: float) -> dict[str, Any]:
-    return {
-        "N": ruleset.low_pass_order,
-        "Wn": ruleset.low_pass_frequency,
-        "btype": "lowpass",
-        "ftype": "butter",
-        "fs": 1 / interval,
-    }
-
-
-def or_nan(values: Array) -> Array:
-    return np.where(np.isfinite(values), values, np.nan)
+    return [run for run in runs if run.stop > run.start and defined[run.start]]

@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from scoring.events import Evidence
+from scoring.edges import Edge, edges_until
 from scoring.protocol import LockDetection, Step
-from scoring.signals import Edge, edges_until
 
 _REFEREE_LOCKS = "the referee confirms the lock"
 _LATCH_SILENT = "latch sensor silent: the referee decides"
@@ -75,6 +74,31 @@ class StepRecord:
     @property
     def done(self) -> bool:
         return self.final is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What the sensors say about the six steps (section 7); times in s since the epoch.
+
+    Read it before the next sample is fed: edges are not copied, a flickering signal has thousands.
+
+    Attributes:
+        door: opening (True) and closing edges.
+        door_seen: time of the newest door sample.
+        latch: states from the start on, the one at the start included.
+        latch_before_start: whether the latch delivered a value before the start.
+        crossed: live, since when the crossing holds; after the stop, the time of
+            `humanoid_moves_to_<destination>_side`.
+    """
+
+    start: float
+    stop: float | None
+    touched: float | None
+    door: Sequence[Edge]
+    door_seen: float | None
+    latch: Sequence[Edge]
+    latch_before_start: bool
+    crossed: float | None
 
 
 @dataclass(frozen=True, slots=True)

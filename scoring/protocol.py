@@ -291,50 +291,6 @@ def _within(lowest: float, highest: float, words: str, default: Any) -> Any:  # 
 
 
 @dataclass(frozen=True, slots=True)
-class DoubtLimits:
-    """From where on a value is doubted (section 11).
-
-    Attributes:
-        least_readings: an edge that rests on fewer consecutive readings.
-        least_hold: one that rests on one strip of passage sensors alone for less, s.
-        gap_intervals: a gap of more sampling intervals, near an edge or a maximum.
-        gap_reach: what is near, s.
-        filter_reach: what is near a largest acceleration, s: its filters reach as far.
-        missing: more of the door's samples missing while it is open, as a part of them.
-        jitter: of the door's stamps, a larger standard deviation of their intervals, s.
-        one_sample: removing one bad sample moves the value by more, as a part of its U.
-        range_end: forces from this part of `largest_force` on may have been larger.
-        clipped: so many consecutive samples exactly at the largest force.
-        stuck_time: ranges of a strip that do not change for longer, s.
-        drift: a rest force after the run that is off the zero by more, as a part of `touch_force`.
-        chatter: more openings and closings within a second.
-        delay_intervals: delays of two topics' stamps that differ by more sampling intervals.
-        rate: a sampling rate that is off by more, as a part of it.
-        encoder: a count of the encoder, or noise of the closed door, off what is set by more, as a
-            part of a count.
-    """
-
-    least_readings: int = _within(1, 1000, "consecutive samples that an edge rests on", 3)
-    least_hold: float = _within(0, 10, "s; seen by one passage strip alone", 0.1)
-    gap_intervals: float = _within(1, 1000, "sampling intervals; longer is a gap", 1.5)
-    gap_reach: float = _within(0, 60, "s from an edge or a maximum", 0.2)
-    filter_reach: float = _within(0, 60, "s from a largest acceleration", 0.5)
-    missing: float = _within(0, 1, "part of the open door's samples missing", 0.002)
-    jitter: float = _within(0, 10, "s, of the door's stamps", 0.0015)
-    one_sample: float = _within(0, 1e9, "of U; without it the value is another", 1.0)
-    range_end: float = _within(0, 10, "of largest_force; it may have been more", 0.95)
-    clipped: int = _within(2, 10000, "samples exactly at the largest force", 3)
-    stuck_time: float = _within(0.01, 600, "s without any change of a strip's ranges", 0.5)
-    drift: float = _within(0, 100, "of touch_force; rest after the run off the zero", 0.5)
-    chatter: int = _within(1, 1000, "openings and closings within a second", 3)
-    delay_intervals: float = _within(
-        0, 1000, "sampling intervals between the delays of two topics", 1.0
-    )
-    rate: float = _within(0, 1, "part by which the sampling rate is off", 0.1)
-    encoder: float = _within(0, 1e6, "counts by which encoder or noise are off", 0.3)
-
-
-@dataclass(frozen=True, slots=True)
 class Thresholds:
     """A testbed's numbers: what makes an event, and what good data are (sections 4, 5 and 7).
 
@@ -351,10 +307,9 @@ class Thresholds:
         largest_force: where the load cell's range ends, in either direction, N.
         largest_angle: a door angle beyond this, to either side, is no reading, rad.
         encoder_counts: of the door's encoder, a turn.
-        encoder_noise: standard deviation of the angle of the closed door, rad.
+        encoder_noise: standard deviation of the simulated angle of the closed door, rad.
         rate: what the testbed's topics should have, Hz.
         start_uncertainty: how late a start by hand may be, s.
-        doubt: from where on a value is doubted (section 11).
     """
 
     touch_force: float = _within(0.01, 1000, "N; more is a touch", 200 * GRAM_FORCE)
@@ -382,13 +337,11 @@ class Thresholds:
     encoder_noise: float = _within(0, 0.1, "rad, standard deviation at rest", 0.00025)
     rate: float = 50.0
     start_uncertainty: float = _within(0, 60, "s; a start by hand is so much late", 0.2)
-    doubt: DoubtLimits = DoubtLimits()
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """All of them by name; that of a doubt is `doubt.NAME`."""
-        of_doubt = {f"doubt.{name}": getattr(self.doubt, name) for name in self.doubt.__slots__}
-        return {n: getattr(self, n) for n in self.__slots__ if n != "doubt"} | of_doubt
+        """All of them by name."""
+        return {name: getattr(self, name) for name in self.__slots__}
 
     @property
     def unlike_protocol(self) -> dict[str, Any]:

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from scoring.figure_table import Quantity
-from scoring.kinematics import Array, JointState, jerk, low_pass, low_pass_problem
+from scoring.kinematics import Array, JointState, jerk, joint_state, low_pass
 from scoring.protocol import PassageSensor, Thresholds
-from scoring.rulesets import Ruleset
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,37 +56,35 @@ class Rows:
             case Quantity.FORCE:
                 return self.force_time, self.force
 
+    def cut(self, start: float, end: float) -> Rows:
+        """The rows in [start, end], s since the epoch."""
+        jerk_kept = (self.jerk_time >= start) & (self.jerk_time <= end)
+        force_kept = (self.force_time >= start) & (self.force_time <= end)
+        return replace(
+            self,
+            joint_state=self.joint_state.cut(start, end),
+            low_passed=self.low_passed[self.joint_state.rows(start, end)],
+            jerk_time=self.jerk_time[jerk_kept],
+            jerk=self.jerk[jerk_kept],
+            force_time=self.force_time[force_kept],
+            force=self.force[force_kept],
+        )
+
 
 def process_rows(
-    joint: JointState,
-    force_time: Array,
-    force: Array,
-    ruleset: Ruleset,
-    thresholds: Thresholds,
+    door_time: Array, angle: Array, force_time: Array, force: Array, thresholds: Thresholds
 ) -> Rows:
-    """Filter a whole recording; cut with `cut_rows` afterwards (section 5)."""
-    jerk_time, jerks = jerk(joint, ruleset, thresholds)
+    """Filter a whole recording; cut it with `Rows.cut` afterwards (section 5)."""
+    joint = joint_state(door_time, angle, thresholds)
+    low_passed, problem = low_pass(joint, thresholds)
+    jerk_time, jerks = jerk(joint, thresholds)
     return Rows(
         joint_state=joint,
-        low_passed=low_pass(joint, ruleset, thresholds),
+        low_passed=low_passed,
         jerk_time=jerk_time,
         jerk=jerks,
         force_time=force_time,
         force=force,
-        problem=low_pass_problem(joint, ruleset, thresholds),
+        problem=problem,
         thresholds=thresholds,
-    )
-
-
-def cut_rows(rows: Rows, start: float, end: float) -> Rows:
-    jerk_kept = (rows.jerk_time >= start) & (rows.jerk_time <= end)
-    force_kept = (rows.force_time >= start) & (rows.force_time <= end)
-    return replace(
-        rows,
-        joint_state=rows.joint_state.cut(start, end),
-        low_passed=rows.low_passed[rows.joint_state.rows(start, end)],
-        jerk_time=rows.jerk_time[jerk_kept],
-        jerk=rows.jerk[jerk_kept],
-        force_time=rows.force_time[force_kept],
-        force=rows.force[force_kept],
     )

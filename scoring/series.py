@@ -1,28 +1,161 @@
-"""All that a recording's sensors said, for those who compute on it themselves.
-
-The rows are those behind the result before they are cut, by the code that makes the result.
-"""
+"""The signals of a recording as arrays, and what the passage sensors saw in them."""
 
 from __future__ import annotations
 
-import math
-from array import array
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.assessment import Assessment, completed_by_settling
 from scoring.kinematics import Array
-from scoring.procedure import Ruling
-from scoring.protocol import PASSAGE_SENSORS
-from scoring.quality import is_reading
-from scoring.result import Ending
+from scoring.protocol import (
+    PASSAGE_SENSORS,
+    SENSORS_PER_STRIP,
+    PassageSensor,
+    Signal,
+    Strip,
+    Thresholds,
+)
+from scoring.quality import SignalQuality
 from scoring.rows import Rows
-from scoring.samples import LatchSample, PassageSample, Sample
+from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
+from scoring.stamps import StampGuard
 
-_PLACES = {sensor: place for place, sensor in enumerate(PASSAGE_SENSORS)}
-_UNKNOWN = -1
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """A signal as recorded, in the order of its stamps.
+
+    Attributes:
+        time: stamps, s since the epoch, increasing, shape (n,).
+        log: when each was received, s since the epoch.
+        value: rad, N or 0 and 1, shape (n,); of a strip m down from the lintel, shape (n, 4),
+            inf = nothing there. NaN = no reading.
+        sequence: the publisher's count of its messages; 0 = unknown.
+    """
+
+    time: Array
+    log: Array
+    value: Array
+    sequence: Array
+
+    @classmethod
+    def of(cls, signal: Signal, samples: Sequence[Sample]) -> Self:
+        value = np.array([_value(sample) for sample in samples], dtype=np.float64)
+        if signal in _STRIPS:
+            value = value.reshape(-1, SENSORS_PER_STRIP)
+        return cls(
+            np.array([sample.time for sample in samples], dtype=np.float64),
+            np.array([sample.log_time for sample in samples], dtype=np.float64),
+            value,
+            np.array([sample.sequence for sample in samples], dtype=np.float64),
+        )
+
+    def where(self, rows: Flags) -> Series:
+        return Series(self.time[rows], self.log[rows], self.value[rows], self.sequence[rows])
+
+    def within(self, largest: float) -> Series:
+        """The samples whose value is a reading, at most `largest` to either side."""
+        return self.where(np.abs(self.value) <= largest)
+
+
+Signals = Mapping[Signal, Series]
+"""One of each signal; empty ones where nothing was recorded."""
+
+_STRIPS = {Signal.of_strip(strip) for strip in Strip}
+
+
+def _value(sample: Sample) -> float | tuple[float, ...]:
+    match sample:
+        case DoorSample():
+            return sample.angle
+        case HandleSample():
+            return sample.force
+        case LatchSample():
+            return float(sample.engaged)
+        case PassageSample():
+            return _ranges(sample)
+
+
+def _ranges(sample: PassageSample) -> tuple[float, ...]:
+    """Four ranges of which those that are no reading are NaN (REP-117)."""
+    low, high = sample.range_min, sample.range_max
+    if len(sample.ranges) == SENSORS_PER_STRIP and all(low <= one <= high for one in sample.ranges):
+        return sample.ranges
+    ranges = [np.nan] * SENSORS_PER_STRIP
+    for element, distance in enumerate(sample.ranges[:SENSORS_PER_STRIP]):
+        if low <= distance <= high or abs(distance) == np.inf:
+            ranges[element] = distance
+    return tuple(ranges)
+
+
+def signal_quality(
+    signal: Signal,
+    series: Series,
+    guard: StampGuard,
+    recorded: tuple[float, float],
+    thresholds: Thresholds,
+) -> SignalQuality:
+    """The quality of a signal in a recording of these log times, s since the epoch."""
+    intervals = np.diff(series.time)
+    regular = intervals[intervals <= thresholds.largest_gap]
+    begin, end = recorded
+    late, early = 0.0, 0.0
+    if series.log.size:
+        late, early = float(series.log[0] - begin), float(end - series.log[-1])
+    no_reading, impossible = _missing_readings(signal, series, thresholds)
+    return SignalQuality(
+        signal=signal,
+        samples=series.time.size,
+        rate=float(1 / regular.mean()) if regular.size else None,
+        largest_gap=float(intervals.max()) if intervals.size else None,
+        gaps=intervals.size - regular.size,
+        jitter=float(regular.std()) if regular.size > 1 else None,
+        dropped=guard.dropped,
+        shifted=guard.shifted,
+        no_reading=no_reading,
+        skew=float(np.abs(series.time - series.log).max()) if series.time.size else None,
+        clock_steps=len(guard.steps),
+        begins_late=late if late > thresholds.largest_gap else 0.0,
+        ends_early=early if early > thresholds.largest_gap else 0.0,
+        impossible=impossible,
+    )
+
+
+def _missing_readings(signal: Signal, series: Series, thresholds: Thresholds) -> tuple[int, int]:
+    """How many values, of the used ranges, are no reading (section 11), and how many impossible."""
+    value = series.value
+    if signal in (Signal.DOOR, Signal.HANDLE):
+        limits = {
+            Signal.DOOR: thresholds.largest_angle,
+            Signal.HANDLE: thresholds.impossible_force,
+        }
+        missing = ~(np.abs(value) <= limits[signal])
+        return int(missing.sum()), int((missing & np.isfinite(value)).sum())
+    if signal.optional or not value.size:
+        return 0, 0
+    used = [s.element for s in PASSAGE_SENSORS if Signal.of_strip(s.strip) is signal]
+    ranges = value[:, used]
+    # what lies too close to a sensor is a reading, but none of a robot
+    return int((np.isnan(ranges) | (ranges == -np.inf)).sum()), 0
+
+
+def last_angles(door: Series, time: Array) -> Array:
+    """The last door angle at each time, rad, shape (n,); before the first one it is closed."""
+    places = np.searchsorted(door.time, time, side="right")
+    angles: Array = np.concatenate(([0.0], door.value))[places]
+    return angles
+
+
+def is_masked(sensor: PassageSensor, angle: Array, thresholds: Thresholds) -> Flags:
+    """Where the panel, at `angle` rad, passes under a sensor."""
+    low, high = thresholds.mask(sensor.side, sensor.index)
+    turned = angle * sensor.side.sign
+    return (low < turned) & (turned < high)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +174,7 @@ class PassageSeries:
     sensor: NDArray[np.int8]
     distance: Array
     present: NDArray[np.int8]
-    masked: NDArray[np.bool_]
+    masked: Flags
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,53 +186,28 @@ class WholeSeries:
     rows_until: float
     passage: PassageSeries
     latch_time: Array
-    latch_engaged: NDArray[np.bool_]
+    latch_engaged: Flags
 
 
-class SeriesAssessment(Assessment):
-    """An assessment that also keeps the data of passage and latch sensors."""
-
-    def _prepare(self) -> None:
-        super()._prepare()
-        self._time, self._distance = array("d"), array("d")
-        self._sensor, self._present, self._masked = array("b"), array("b"), array("b")
-        self._latch_time, self._latch_engaged = array("d"), array("b")
-
-        self._scoring.on_passage = self._keep
-
-    def _admit(self, sample: Sample) -> None:
-        super()._admit(sample)
-        if isinstance(sample, LatchSample):
-            self._latch_time.append(sample.time)
-            self._latch_engaged.append(sample.engaged)
-
-    def _keep(self, sample: PassageSample, angle: float) -> None:
-        for sensor, present in self._scoring.under(sample.strip):
-            read = is_reading(sample, sensor.element)
-            self._time.append(sample.time)
-            self._sensor.append(_PLACES[sensor])
-            self._distance.append(sample.ranges[sensor.element] if read else math.nan)
-            self._present.append(_UNKNOWN if present is None else present)
-            self._masked.append(self._thresholds.masked(sensor.side, sensor.index, angle))
-
-    def series(self, ending: Ending, rulings: tuple[Ruling, ...]) -> WholeSeries:
-        """Call it once the recording has been read to its end."""
-        self._finish()
-        end = self._end(ending)
-        if completed_by_settling(ending, self.procedure(rulings, end)):
-            end += self._thresholds.settle_time
-        whole = not self._ruleset.cut_rows
-        return WholeSeries(
-            rows=self._rows()[2],
-            rows_from=-math.inf if whole else self.start,
-            rows_until=math.inf if whole else end,
-            passage=PassageSeries(
-                np.array(self._time, dtype=np.float64),
-                np.array(self._sensor, dtype=np.int8),
-                np.array(self._distance, dtype=np.float64),
-                np.array(self._present, dtype=np.int8),
-                np.array(self._masked, dtype=np.bool_),
-            ),
-            latch_time=np.array(self._latch_time, dtype=np.float64),
-            latch_engaged=np.array(self._latch_engaged, dtype=np.bool_),
-        )
+def passage_series(signals: Signals, door: Series, thresholds: Thresholds) -> PassageSeries:
+    """The rows of all used passage sensors by time, by the protocol's rules."""
+    columns = []
+    for place, sensor in enumerate(PASSAGE_SENSORS):
+        strip = signals[Signal.of_strip(sensor.strip)]
+        distance = strip.value[:, sensor.element]
+        masked = is_masked(sensor, last_angles(door, strip.time), thresholds)
+        counts = ~masked & ~np.isnan(distance)
+        present = thresholds.lintel_height - distance > thresholds.present_height
+        # a masked sensor, or one without a reading, keeps its last state
+        newest = np.maximum.accumulate(np.where(counts, np.arange(distance.size), -1))
+        state = np.where(newest < 0, -1, present[newest.clip(0)])
+        columns.append((strip.time, np.full(distance.size, place), distance, state, masked))
+    time, sensors, distance, state, masked = map(np.concatenate, zip(*columns, strict=True))
+    order = np.argsort(time, kind="stable")
+    return PassageSeries(
+        time[order],
+        sensors[order].astype(np.int8),
+        distance[order],
+        state[order].astype(np.int8),
+        masked[order],
+    )

@@ -22,7 +22,7 @@ import msgspec
 
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import checked_plain, open_plain, read_all, refusal
-from scoring.eurobench.run_info import series_prefix
+from scoring.run_info import series_prefix
 
 LARGEST_NUMBER = 999
 """The largest subject and run number: file names have three digits for them."""

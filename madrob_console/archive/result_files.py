@@ -13,11 +13,11 @@ from madrob_console.archive.folders import RESULT_FILE, RESULT_FORMAT
 from madrob_console.archive.result_document import MANUAL_START, ResultDocument
 from madrob_console.archive.scored import Scored
 from madrob_console.common.errors import MadrobError
-from scoring.eurobench.run_files import Wrench, run_files
-from scoring.eurobench.run_info import RunInfo
+from scoring.eurobench import run_files
 from scoring.libraries import libraries_here
 from scoring.protocol import Event, Outcome, ScoringError
 from scoring.result import Result
+from scoring.run_info import RunInfo
 
 
 def result_files(folder: Path, scored: Scored, inside: Path | None = None) -> dict[str, bytes]:
@@ -111,8 +111,7 @@ def eurobench_files(name: str, scored: Scored) -> dict[str, bytes]:
         return run_files(
             info,
             [Event(event.time, event.event) for event in result.events],
-            rows.joint_state,
-            Wrench(rows.force_time, rows.force),
+            rows,
             {} if result.outcome is Outcome.ABORTED else result.indicators,
         )
     except ScoringError as error:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from madrob_console.archive.folders import PRACTICE_FOLDER, parse_folder_name
 from madrob_console.common.errors import MadrobError
-from scoring.eurobench.run_info import run_prefixes
+from scoring.run_info import run_prefixes
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import TypeVar
 
 import msgspec
 
@@ -26,13 +25,11 @@ from madrob_console.referee.run_setup import RunSetup
 from scoring.assessment import Assessment
 from scoring.protocol import Thresholds
 from scoring.rest import HandleRest
-from scoring.rulesets import RulesetName, ruleset
+from scoring.rulesets import ruleset
 
 RECORD_NAME = "madrob_run"
 
 _KEY = "run"
-
-A = TypeVar("A", bound=Assessment)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,12 +98,9 @@ class RunRecord:
             words = f"metadata record {RECORD_NAME} is damaged: {error}"
             raise MadrobError(f"{words}: use the madrob-console that recorded it") from None
 
-    def assessment(self, start: float, rules: RulesetName | None = None) -> Assessment:
+    def assessment(self, start: float, rules: str | None = None) -> Assessment:
         """`start` is the (planned) start, s since the epoch; `rules` None = the run's own."""
-        return self.assessed_by(Assessment, start, rules)
-
-    def assessed_by(self, kind: type[A], start: float, rules: str | None = None) -> A:
-        return kind(
+        return Assessment(
             self.setup.condition,
             start,
             ruleset=ruleset(rules or self.setup.ruleset),

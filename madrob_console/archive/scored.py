@@ -5,13 +5,13 @@ A bag gives the result that the console showed: same decoder, same assessment, s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from itertools import takewhile
 from pathlib import Path
-from typing import TypeVar
 
 from madrob_console.archive.folders import JOURNAL_FILE, RESULT_FILE
 from madrob_console.archive.journal_agreement import disagreements
@@ -38,18 +38,15 @@ from recorder import RecorderError
 from recorder.reader import Bag
 from scoring.arrays import Evaluation
 from scoring.assessment import Assessment
-from scoring.eurobench.published import evaluate_published
-from scoring.eurobench.run_files import EurobenchRun, read_run
-from scoring.eurobench.run_info import numbers_of
+from scoring.eurobench import EurobenchRun, evaluate_published, read_run
 from scoring.kinematics import load_filters
 from scoring.protocol import Outcome, ScoringError, Step
 from scoring.quality import AGAINST_OPENING
 from scoring.result import Result
 from scoring.rows import Rows
-from scoring.rulesets import PROTOCOL, RulesetName, ruleset
-from scoring.series import SeriesAssessment, WholeSeries
-
-A = TypeVar("A", bound=Assessment)
+from scoring.rulesets import RulesetName
+from scoring.run_info import numbers_of
+from scoring.series import WholeSeries
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,14 +117,15 @@ class ScoredPath:
 def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[ScoredPath, ...]:
     """Score one run by each of some rulesets; it is read only once.
 
-    None = the ruleset of the run; `protocol` for EUROBENCH files whose run info names none.
+    None = the ruleset of the run. EUROBENCH's files are scored by `eurobench-2020` alone.
     """
     flags: list[tuple[Flag, ...]]
     with _naming(run.path):
         if run.prefix:
             published = read_run(run.path, run.prefix)
-            chosen = [ruleset(name or _own_rules(published)) for name in rules]
-            pairs = [evaluate_published(published, by) for by in chosen]
+            if RulesetName.PROTOCOL in rules:
+                raise ScoringError("csv files are scored by eurobench-2020: protocol needs the bag")
+            pairs = [evaluate_published(published)] * len(rules)
             condition = published.condition
             subject, _, number = numbers_of(run.prefix) or (None, 0, None)
             label = RunLabel(subject, "", condition.number, number)
@@ -142,11 +140,6 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
         ScoredPath(Path(run.name), Evaluation.of(*pair, condition), label, flagged)
         for pair, flagged in zip(pairs, flags, strict=True)
     )
-
-
-def _own_rules(published: EurobenchRun) -> str:
-    name = published.run_info.get("ruleset")
-    return name if isinstance(name, str) else PROTOCOL.name
 
 
 def _flags_of(published: EurobenchRun) -> tuple[Flag, ...]:
@@ -164,7 +157,7 @@ def score_recording(path: Path, rules: Sequence[RulesetName | None] = (None,)) -
         recorded = read_recorded_run(path)
         return [
             Scored.of(recorded.record, recorded.run, assessment)
-            for assessment in _assess(recorded, rules, Assessment)
+            for assessment in _assess(recorded, rules)
         ]
 
 
@@ -173,7 +166,7 @@ def score_with_series(path: Path, rules: RulesetName | None) -> tuple[Scored, Wh
     with _naming(path):
         recorded = read_recorded_run(path)
         run = recorded.run
-        (assessment,) = _assess(recorded, (rules,), SeriesAssessment)
+        (assessment,) = _assess(recorded, (rules,))
         scored = Scored.of(recorded.record, run, assessment)
         return scored, assessment.series(run.ending, run.rulings)
 
@@ -298,13 +291,13 @@ def assess_recording(folder: Path, record: RunRecord, run: Run, *, stored: bool)
     """
     with _naming(folder):
         recorded = RecordedRun(Bag(folder), record, record, (), run, ())
-        (assessment,) = _assess(recorded, (None,), Assessment)
+        (assessment,) = _assess(recorded, (None,))
     if stored:
         keep_stored_remarks(assessment, run, folder)
     return assessment
 
 
-def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: type[A]) -> list[A]:
+def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None]) -> list[Assessment]:
     """Assess a recorded run to the end of its bag, by each of some rulesets.
 
     None = the ruleset of its last re-issue, else the one that was set.
@@ -312,7 +305,7 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: ty
     load_filters()
     run, record, bag = recorded.run, recorded.record, recorded.bag
     assert run.start is not None
-    assessments = [record.assessed_by(kind, run.start, name or run.ruleset) for name in rules]
+    assessments = [record.assessment(run.start, name or run.ruleset) for name in rules]
     decoder = Decoder(record.mappings, types_of(bag.topics()))
     for message in bag.messages():
         try:
@@ -328,6 +321,7 @@ def _assess(recorded: RecordedRun, rules: Sequence[RulesetName | None], kind: ty
             for assessment in assessments:
                 assessment.report_problem(*remark)
     for assessment in assessments:
+        assessment.release(math.inf)
         report_bag(assessment, recorded)
     return assessments
 
@@ -369,7 +363,7 @@ def open_run(folder: Path, rules: RulesetName | None = None) -> OpenedRun:
     with _naming(folder):
         _refuse_unusable_journal(folder)
         recorded = read_recorded_run(folder)
-        (assessment,) = _assess(recorded, (rules,), Assessment)
+        (assessment,) = _assess(recorded, (rules,))
     keep_stored_remarks(assessment, recorded.run, folder)
     return OpenedRun(folder, recorded, assessment, _out_of_date(folder, recorded.run))
 

@@ -36,7 +36,7 @@ from madrob_console.common.names import table_cell, terminal_safe
 from scoring.kinematics import Array
 from scoring.protocol import PASSAGE_SENSORS, Condition, PassageSensor
 from scoring.result import Result
-from scoring.rulesets import RulesetName, ruleset
+from scoring.rulesets import RulesetName
 from scoring.series import WholeSeries
 
 if TYPE_CHECKING:
@@ -153,8 +153,7 @@ class SampledRun:
 
     @property
     def present_height(self) -> float:
-        usual = self.scored.record.thresholds.present_height
-        return ruleset(self.result.ruleset).present_height or usual
+        return self.scored.record.thresholds.present_height
 
     @property
     def door_jerk(self) -> Array:

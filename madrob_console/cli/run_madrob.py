@@ -35,15 +35,14 @@ def _score_files(arguments: argparse.Namespace) -> int:
     """Score the files, then write the indicators, each file atomically."""
     from madrob_console.cli.result_lines import result_lines
     from madrob_console.common.files import atomic_writes, make_folder
-    from scoring.eurobench.published import evaluate_published
-    from scoring.eurobench.run_files import indicator_files, read_files
-    from scoring.rulesets import EUROBENCH_2020
+    from scoring.eurobench import evaluate_published, indicator_files, read_files
+    from scoring.rulesets import RulesetName
 
     inputs = (arguments.event, arguments.wrench, arguments.joint_state, arguments.condition)
-    result, _ = evaluate_published(read_files(inputs), EUROBENCH_2020)
+    result, _ = evaluate_published(read_files(inputs))
     folder: Path = arguments.folder
     make_folder(folder, "name another")
-    atomic_writes(folder, indicator_files(result.indicators, EUROBENCH_2020))
+    atomic_writes(folder, indicator_files(result.indicators, RulesetName.EUROBENCH_2020))
     for line in result_lines(result):
         print(line)
     print(terminal_safe(f"written to {folder}"))

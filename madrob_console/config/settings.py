@@ -22,7 +22,6 @@ from madrob_console.config.tables import (
     Checks,
     Competition,
     ConsoleSettings,
-    DoubtSettings,
     EngineSettings,
     EvidenceSettings,
     FreshnessSettings,
@@ -40,7 +39,7 @@ from madrob_console.config.tables import (
 from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.topic_health import SensorLimits
-from scoring.protocol import DoubtLimits, Side, StartPose, Thresholds
+from scoring.protocol import Side, StartPose, Thresholds
 
 if TYPE_CHECKING:
     from madrob_console.testbeds.simulated.geometry import DoorGeometry
@@ -110,7 +109,6 @@ class Settings(SettingsTable, frozen=True):
     testbed: SourceSetting = SourceSetting()
     topics: tuple[TopicSetting, ...] = ()
     thresholds: ThresholdSettings = ThresholdSettings()
-    doubt: DoubtSettings = DoubtSettings()
     freshness: FreshnessSettings = FreshnessSettings()
     checks: Checks = Checks()
     results: Results = Results()
@@ -146,7 +144,6 @@ class Settings(SettingsTable, frozen=True):
             **asdict(self.thresholds),
             largest_skew=self.checks.largest_skew,
             rate=self.checks.rate,
-            doubt=DoubtLimits(**asdict(self.doubt)),
         )
 
     def door_geometry(self) -> DoorGeometry:

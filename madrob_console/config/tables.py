@@ -24,7 +24,7 @@ from madrob_console.referee.competition_plan import (
 )
 from madrob_console.referee.topic_health import SensorLimits
 from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN
-from scoring.protocol import LIMITS, DoubtLimits, LockDetection, Side, Signal, StartPose, Thresholds
+from scoring.protocol import LIMITS, LockDetection, Side, Signal, StartPose, Thresholds
 from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
@@ -267,16 +267,11 @@ def _demand_low_robots(thresholds: Thresholds) -> None:
 
 if TYPE_CHECKING:
     ThresholdSettings = SettingsTable
-    DoubtSettings = SettingsTable
 else:
     ThresholdSettings = _table_of(
         Thresholds,
         "[thresholds]: the numbers that turn signals into events (protocol sections 4 and 7).",
         __post_init__=_demand_low_robots,
-    )
-    DoubtSettings = _table_of(
-        DoubtLimits,
-        "[doubt]: limits beyond which a value is doubted; no value changes (protocol section 11).",
     )
 
 

@@ -120,9 +120,12 @@ def appealed() -> Path:
     drive.finish()
     drive.wait(3.0)
     drive.act(Rule(Step.OPEN, confirmed=False, reason="a draught"))
-    drive.act(Finalise(TeamWord.PROTESTED, "R. Eferee", "they saw it differently"))
+    # the handle was never zeroed: its touch is doubted
+    doubts = ("3 values to check: time to handle, passage time, capability level",)
+    protested = Finalise(TeamWord.PROTESTED, "R. Eferee", "they saw it differently", doubts)
+    drive.act(protested)
     drive.act(Reissue("appeal granted"), Rule(Step.OPEN, confirmed=True, reason="video"))
-    drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee"))
+    drive.act(Finalise(TeamWord.ACKNOWLEDGED, "R. Eferee", undecided=doubts))
     return _closed(drive)
 
 

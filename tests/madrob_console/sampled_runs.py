@@ -20,7 +20,7 @@ from scoring.assessment import Assessment
 from scoring.protocol import Condition, LockDetection, Outcome, Signal, Strip, Thresholds
 from scoring.result import Ending, Result
 from scoring.rows import Rows
-from scoring.rulesets import PROTOCOL, Ruleset
+from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.madrob_console.robots import Played, plan_run
 
@@ -97,7 +97,7 @@ def zero_of(samples: list[Sample]) -> float:
 def scored(
     samples: list[Sample],
     plan: MotionPlan,
-    rules: Ruleset = PROTOCOL,
+    rules: RulesetName = RulesetName.PROTOCOL,
     zero: float | None = None,
 ) -> tuple[Result, Rows]:
     """The result of a run that stops by itself, or 4 s after all has come to rest."""
@@ -110,6 +110,7 @@ def scored(
     )
     for sample in samples:
         run.feed(sample)
+    run.release(math.inf)
     done, limit = run.procedure().completed, START + plan.end + 4.0
     if done is not None and done <= limit:
         return run.result(Ending(Outcome.COMPLETED, "all six steps done", done))

@@ -5,6 +5,7 @@ Minimum jerk from closed to 1.05 rad in 3 s, and back; a half sine of force; a r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -24,7 +25,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.result import Ending, Result
-from scoring.rulesets import PROTOCOL, Ruleset
+from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.scoring.runs import CONDITION, START
 
@@ -123,7 +124,7 @@ BY_EVENT = Thresholds(start_uncertainty=0.0)
 
 def scored(
     samples: Sequence[Sample],
-    ruleset: Ruleset = PROTOCOL,
+    ruleset: RulesetName = RulesetName.PROTOCOL,
     thresholds: Thresholds | None = None,
     condition: Condition = CONDITION,
 ) -> Result:
@@ -137,6 +138,7 @@ def scored(
     )
     for sample in samples:
         run.feed(sample)
+    run.release(math.inf)
     done = run.procedure().completed
     ending = Ending(Outcome.COMPLETED, "all six steps done", done)
     if done is None or done > START + TIMEOUT:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 from scoring.assessment import Assessment
@@ -17,7 +18,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.rest import HandleRest
-from scoring.rulesets import PROTOCOL, Ruleset
+from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 START = 1_000_000.0
@@ -68,14 +69,12 @@ def clear(time: float, side: Side, index: int = 2) -> PassageSample:
 def detector(
     samples: Iterable[Sample],
     *,
-    ruleset: Ruleset = PROTOCOL,
     condition: Condition = CONDITION,
     zero: float = 0.0,
 ) -> EventDetector:
-    found = EventDetector(condition, START, Thresholds(), ruleset, zero)
+    found = EventDetector(condition, START, Thresholds(), zero)
     for sample in samples:
         found.feed(sample)
-    found.finish()
     return found
 
 
@@ -83,7 +82,7 @@ def assessment(
     samples: Iterable[Sample],
     *,
     lock: LockDetection = LockDetection.AUTO,
-    ruleset: Ruleset = PROTOCOL,
+    ruleset: RulesetName = RulesetName.PROTOCOL,
     thresholds: Thresholds | None = None,
 ) -> Assessment:
     found = Assessment(
@@ -91,6 +90,7 @@ def assessment(
     )
     for sample in samples:
         found.feed(sample)
+    found.release(math.inf)
     return found
 
 

@@ -187,4 +187,4 @@ def test_a_touch_that_missing_readings_may_have_hidden_is_doubted(silence: str) 
     indicators = evaluate(CONDITION, START, **told, timeout=TIMEOUT).indicators
     for name in (IndicatorName.TIME_TO_HANDLE, IndicatorName.CAPABILITY_LEVEL):
         words = indicators[name].doubts
-        assert any("handle force: no reading for" in one for one in words), (name, words)
+        assert any("handle force: no new reading for" in one for one in words), (name, words)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling
 from scoring.protocol import (
@@ -20,9 +21,9 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.result import Ending, Result
-from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
+from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
-from scoring.series import PassageSeries, SeriesAssessment
+from scoring.series import PassageSeries
 from tests.scoring.clean_run import clean, scored
 from tests.scoring.runs import (
     CONDITION,
@@ -54,7 +55,7 @@ def steady_run() -> list[Sample]:
 STEADY = steady_run()
 
 
-def result(ending: Ending = COMPLETED, ruleset: Ruleset = PROTOCOL) -> Result:
+def result(ending: Ending = COMPLETED, ruleset: RulesetName = RulesetName.PROTOCOL) -> Result:
     return assessment(STEADY, ruleset=ruleset).result(ending)[0]
 
 
@@ -147,8 +148,8 @@ def test_a_ruling_changes_level_and_what_depends_on_it_and_nothing_else() -> Non
     assert changed == {IndicatorName.CAPABILITY_LEVEL, IndicatorName.PASSAGE_TIME}
 
 
-@pytest.mark.parametrize("ruleset", [PROTOCOL, EUROBENCH_2020])
-def test_a_run_without_data_has_reasons_only(ruleset: Ruleset) -> None:
+@pytest.mark.parametrize("ruleset", RulesetName)
+def test_a_run_without_data_has_reasons_only(ruleset: RulesetName) -> None:
     found = assessment([], ruleset=ruleset).result(COMPLETED)[0]
     for name, indicator in found.indicators.items():
         if name is IndicatorName.CAPABILITY_LEVEL:
@@ -178,11 +179,8 @@ def test_stamps_that_differ_from_reception_are_remarked_from_the_testbeds_limit_
 PLACE = PASSAGE_SENSORS.index(sensor(Side.CW, 2))
 
 
-def passage(samples: list[Sample], rules: Ruleset = PROTOCOL) -> PassageSeries:
-    found = SeriesAssessment(CONDITION, START, ruleset=rules)
-    for sample in samples:
-        found.feed(sample)
-    return found.series(Ending(Outcome.TIMEOUT, "", START + 1), ()).passage
+def passage(samples: list[Sample]) -> PassageSeries:
+    return assessment(samples).series(Ending(Outcome.TIMEOUT, "", START + 1), ()).passage
 
 
 def of(series: PassageSeries, place: int = PLACE) -> tuple[list[float], list[int], list[bool]]:
@@ -208,7 +206,7 @@ def test_what_is_no_reading_is_empty_and_changes_no_state() -> None:
     assert present == [-1, 0, 1, 1]
 
 
-def test_a_masked_sensor_keeps_its_state_and_by_the_published_rules_is_clear() -> None:
+def test_a_masked_sensor_keeps_its_state() -> None:
     samples: list[Sample] = [
         looked(0, 0.8),
         door(0.5, -0.2),
@@ -221,17 +219,13 @@ def test_a_masked_sensor_keeps_its_state_and_by_the_published_rules_is_clear() -
     assert distances == [0.8, 2.0, 2.0]
     assert present == [1, 1, 0]
     assert masked == [False, True, False]
-    assert of(passage([samples[0], samples[1], looked(1, 0.8)], EUROBENCH_2020))[1] == [1, 0]
 
 
 def test_stamps_are_those_that_count() -> None:
     late = DoorSample(START - 0.1, START + 0.1, 0.1)  # backward
-    found = SeriesAssessment(CONDITION, START)
     once = under(1, Side.CW)
     samples: list[Sample] = [door(0, 0.0), late, once, once, latch(2, True)]
-    for sample in samples:
-        found.feed(sample)
-    series = found.series(Ending(Outcome.TIMEOUT, "", START + 1), ())
+    series = assessment(samples).series(Ending(Outcome.TIMEOUT, "", START + 1), ())
     assert series.rows.joint_state.time.tolist() == [START]
     strip = sensor(Side.CW, 2).strip
     assert series.passage.time.tolist() == [START + 1] * sum(
@@ -242,16 +236,44 @@ def test_stamps_are_those_that_count() -> None:
 
 @pytest.mark.parametrize(
     ("rules", "rows"),
-    [(PROTOCOL, (START, START + 7.0)), (EUROBENCH_2020, (-math.inf, math.inf))],
+    [
+        (RulesetName.PROTOCOL, (START, START + 7.0)),
+        (RulesetName.EUROBENCH_2020, (-math.inf, math.inf)),
+    ],
 )
-def test_rows_that_count_end_with_the_settle_time_and_are_all_by_the_published_rules(
-    rules: Ruleset, rows: tuple[float, float]
+def test_rows_that_count_end_with_the_settle_time(
+    rules: RulesetName, rows: tuple[float, float]
 ) -> None:
-    found = SeriesAssessment(CONDITION, START, ruleset=rules)
-    for sample in passage_through():
-        found.feed(sample)
-    series = found.series(COMPLETED, ())
+    series = assessment(passage_through(), ruleset=rules).series(COMPLETED, ())
     assert (series.rows_from, series.rows_until) == rows
+
+
+def test_a_late_message_scores_as_one_in_time() -> None:
+    late = [replace(s, log_time=s.time + 0.2) if isinstance(s, DoorSample) else s for s in STEADY]
+    late.sort(key=lambda sample: sample.log_time)
+
+    found = Assessment(CONDITION, START)
+    for sample in late:
+        found.feed(sample)
+        found.release(sample.log_time)
+
+    assert found.result(COMPLETED)[0].events == result().events
+
+
+@pytest.mark.parametrize("before", [0.0, 0.1, 0.2, 0.3])
+def test_a_stop_just_before_the_timeout_is_completed(before: float) -> None:
+    """Live, where samples wait for others, as in a rescoring."""
+    limit = START + 6.0 + before
+    found = Assessment(CONDITION, START)
+    stop = None
+    for sample in STEADY:
+        found.feed(sample)
+        found.release(sample.log_time)
+        completed = found.procedure().completed
+        if completed is not None and completed <= limit:
+            stop = stop or completed
+
+    assert stop == assessment(STEADY).procedure().completed
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32])

@@ -26,9 +26,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.result import Ending
-from scoring.rulesets import EUROBENCH_2020
 from scoring.samples import PassageSample, Sample
-from scoring.signals import BinarySignal, Held
 from tests.scoring.runs import (
     CONDITION,
     START,
@@ -199,21 +197,9 @@ def test_six_sensors_near_the_hinge_are_not_used() -> None:
     assert len(NOT_USED) == 6
 
 
-def test_a_level_holds_up_to_the_next_reading_that_differs_or_to_the_newest() -> None:
-    level = BinarySignal()
-    for time, value in enumerate([False, True, True, False, False]):
-        level.update(float(time), value, 0.0)
-    assert [level.held(0), level.held(1)] == [Held(2, 2.0), Held(2, 1.0)]
-
-
 def test_handle_zero_is_subtracted() -> None:
     resting = [handle(t / 10, 5.9) for t in range(20)]
     assert [events(resting, zero=zero) for zero in (5.9, 0.0)] == [[], [(0.0, TOUCH)]]
-
-
-def test_eurobench_counts_a_masked_sensor_as_absent() -> None:
-    held: list[Sample] = [clear(0.1, CW, 0), under(1, CW, 0), door(1.5, -0.2), under(2, CW, 0)]
-    assert (2.0, LEFT("cw")) in events(held, ruleset=EUROBENCH_2020)
 
 
 def test_masks_are_open_intervals_of_one_side_only() -> None:
@@ -299,6 +285,7 @@ def test_the_work_of_a_second_does_not_grow_with_what_flickered_before() -> None
         def follow(found: Assessment = found, samples: Iterator[Sample] = samples) -> None:
             for sample in islice(samples, RATE * 7 * seconds // 4):
                 found.feed(sample)
+                found.release(sample.time)
                 found.provisional(found.procedure())
 
         quarters = [calls_of(follow) for _ in range(4)]

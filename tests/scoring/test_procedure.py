@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -200,5 +201,6 @@ def test_sides_that_clear_at_the_same_stamp_are_judged_alike_live_and_at_the_sto
         under(4.4, to), clear(5, start_side), clear(5, to), door(6, 0.0), door(7, 0.0),
     ):  # fmt: skip
         run.feed(sample)
+    run.release(math.inf)
     assert run.procedure().completed == START + 6
     assert run.procedure(stop=START + 6).level == 6

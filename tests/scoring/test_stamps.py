@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from scoring.protocol import Signal, Thresholds
-from scoring.quality import QualityCounter, SignalQuality
+from scoring.quality import SignalQuality
 from scoring.rest import HandleRest, RestForce, moved, rest_force, rest_of
 from scoring.samples import DoorSample
-from scoring.stamps import KEPT_STEPS, StampGuard
+from scoring.series import Series, signal_quality
+from scoring.stamps import StampGuard
 from tests.scoring.runs import START
 
 PERIOD = 0.02
@@ -50,7 +51,6 @@ UNSET = [-(BEGIN + i * PERIOD) for i in range(100)]
             [],
         ),
         ([0.0, -0.02, -0.1, 0.0], [0.0, 3 * PERIOD], 2, 0, []),  # repeated and backward
-        ([0.0, 0.3, *[0.0] * 20], [0.0, *(i * PERIOD for i in range(2, 22))], 1, 0, []),  # ahead
         *(
             ([0.0] * 5 + [jump] * 5, [i * PERIOD for i in range(10)], 0, 5, [jump])
             for jump in (3600.0, -3600.0, 0.7, -0.7)  # a stepped clock is shifted back
@@ -96,27 +96,12 @@ def test_messages_delivered_late_keep_their_stamps() -> None:
     assert (times, guard.steps) == (stamps, [])
 
 
-@pytest.mark.parametrize(
-    ("jump", "lost", "shifted"),
-    [(8.0, 400, 0), (8.0, 300, 0), (8.0, 4, 100), (-8.0, 400, 100), (8.0, 0, 100)],
-)
-def test_a_jump_that_lost_messages_explain_is_no_step(jump: float, lost: int, shifted: int) -> None:
-    """As of a machine that was paused with its clock."""
-    guard = StampGuard()
-    for number, sample in enumerate(stream([0.0] * 100 + [jump] * 100)):
-        guard.admit(replace(sample, sequence=1 + number + lost * (number >= 100)))
-    assert (guard.shifted, guard.step_count) == (shifted, shifted // 100)
-
-
-def test_a_clock_that_jumps_all_the_time_is_told_in_a_few_words() -> None:
-    counter = QualityCounter(Signal.DOOR, Thresholds())
-    for sample in stream([5.0 * (i % 2) for i in range(1000)]):
-        counter.admit(sample)
-    assert len(counter.guard.steps) == KEPT_STEPS
-    assert counter.quality().clock_steps == 999
-    assert counter.quality().remarks(largest_skew=0.1) == [
-        "door angle: clock stepped 999 times, of which the first 5 are told"
-    ]
+def test_messages_lost_and_delivered_late_are_no_step() -> None:
+    """As of an engine that stood still: the first messages waited, those after them are lost."""
+    waited = [DoorSample(BEGIN + 2 + i * PERIOD, BEGIN + 5.5, 0.0) for i in range(50)]
+    prompt = stream([0.0] * 100, BEGIN + 5.5)
+    guard, times = admitted([*stream([0.0] * 100), *waited, *prompt])
+    assert (guard.shifted, len(times)) == (0, 250)
 
 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=50))
@@ -130,14 +115,29 @@ def numbers(of: SignalQuality) -> tuple[float | None, ...]:
     return of.samples, of.rate, of.gaps, of.largest_gap, of.jitter, of.skew
 
 
-def test_quality_counts_rate_gaps_and_jitter_and_of_nothing_has_no_numbers() -> None:
-    counter = QualityCounter(Signal.DOOR, Thresholds())
-    for time in (0.0, 0.019, 0.04, 0.06, 0.56, 0.58):
-        counter.admit(DoorSample(1000 + time, 1000 + time + 0.003, 0.0))
+def quality(
+    signal: Signal, samples: list[DoorSample], begin: float = BEGIN, end: float = BEGIN
+) -> SignalQuality:
+    guard = StampGuard()
+    kept = [sample for sample in map(guard.admit, samples) if sample is not None]
+    series = Series.of(signal, kept)
+    return signal_quality(signal, series, guard, (begin, end), Thresholds())
+
+
+def test_quality_counts_rate_gaps_and_jitter() -> None:
+    times = (0.0, 0.019, 0.04, 0.06, 0.56, 0.58)
+    samples = [DoorSample(1000 + time, 1000 + time + 0.003, 0.0) for time in times]
     jitter = math.sqrt(2 * 0.001**2 / 4)
-    assert numbers(counter.quality()) == pytest.approx((6, 50.0, 1, 0.5, jitter, 0.003), rel=1e-3)
-    nothing = QualityCounter(Signal.HANDLE, Thresholds()).quality()
-    assert numbers(nothing) == (0, None, 0, None, None, None)
+    found = numbers(quality(Signal.DOOR, samples))
+    assert found == pytest.approx((6, 50.0, 1, 0.5, jitter, 0.003), rel=1e-3)
+    assert numbers(quality(Signal.HANDLE, [])) == (0, None, 0, None, None, None)
+
+
+def test_a_clock_that_jumps_is_told_once() -> None:
+    found = quality(Signal.DOOR, stream([5.0 * (i % 2) for i in range(1000)]), end=BEGIN + 20)
+    assert [*found.remarks(largest_skew=0.1)] == [
+        "door angle: clock stepped 999 times, later stamps shifted back"
+    ]
 
 
 CALM = [BEGIN + i * PERIOD for i in range(100)]
@@ -166,10 +166,9 @@ CALM = [BEGIN + i * PERIOD for i in range(100)]
 def test_what_is_uneven_or_begins_late_or_ends_early_is_told(
     times: list[float], begin: float | None, end: float | None, remarks: list[str]
 ) -> None:
-    counter = QualityCounter(Signal.HANDLE, Thresholds())
-    for time in times:
-        counter.admit(DoorSample(time, time, 0.0))
-    told = counter.quality(begin=begin, end=end).remarks(largest_skew=0.1)
+    samples = [DoorSample(time, time, 0.0) for time in times]
+    begin, end = begin or times[0], end or times[-1]
+    told = quality(Signal.HANDLE, samples, begin, end).remarks(largest_skew=0.1)
     assert all("handle force: " + say in line for say, line in zip(remarks, told, strict=True))
 
 
@@ -187,7 +186,17 @@ def found(
     random = np.random.default_rng(7)
     forces = np.array([force(t) for t in TIMES]) + noise * random.standard_normal(TIMES.size)
     kept = np.array([keep(t) for t in TIMES], bool)
-    return rest_force(TIMES[kept] + START, forces[kept], START, zero=zero, end=START + TIMES[-1])
+    return rest_of_run(TIMES[kept] + START, forces[kept], zero, START + TIMES[-1])
+
+
+def rest_of_run(
+    times: NDArray[np.float64],
+    forces: NDArray[np.float64],
+    zero: float = 0.0,
+    end: float = START,
+    start: float = START,
+) -> RestForce:
+    return rest_force(times, forces, start, zero=zero, end=end, thresholds=Thresholds())
 
 
 def pushed(t: float) -> float:
@@ -255,37 +264,23 @@ def test_a_drift_is_the_rest_force_after_the_run_less_the_zero(
         assert measured.no_after is None
 
 
-@pytest.mark.parametrize(
-    ("force", "ends"),
-    [
-        (pushed, 0.0),
-        (lambda t: 12.0 + np.sin(20 * t) if -0.7 < t < 3 else 5.9, -0.69),  # a touch
-        (lambda t: 12.0 if -0.9 < t < 3 else 5.9, -0.89),  # a hand that bears on it evenly
-        (lambda t: 5.9 + (3 * np.sin(20 * t) if t < 1 else 0), None),
-    ],
-)
-def test_a_touch_in_the_countdown_is_no_rest(force: Force, ends: float | None) -> None:
-    measured = found(force)
-    if ends is None:
-        why = "the handle was not quiet for half a second before the start"
-        assert (measured.before, measured.no_before) == (None, why)
-        return
-    before = rest(measured.before)
+def test_a_hand_before_the_start_is_no_rest() -> None:
+    assert found(pushed).no_before is None
+    before = rest(found(pushed).before)
     assert (before.number, before.mean) == pytest.approx((25, 5.9), abs=0.05)
-    assert before.deviation == pytest.approx(0.05, rel=0.4)
-    assert before.end < START + ends
+    measured = found(lambda t: 5.9 + (3 * np.sin(20 * t) if t < 1 else 0))
+    why = "the handle was not quiet for half a second before the start"
+    assert (measured.before, measured.no_before) == (None, why)
 
 
 @pytest.mark.parametrize("force", [1e308, -1e308])
 def test_forces_that_no_handle_bears_tell_nothing(force: float) -> None:
-    told = rest_force(TIMES + START, np.full(TIMES.size, force), START)
+    told = rest_of_run(TIMES + START, np.full(TIMES.size, force))
     assert (told.before, told.after, told.drift) == (None, None, None)
 
 
-def test_a_stamp_of_long_ago_costs_nothing_and_nothing_recorded_tells_nothing() -> None:
-    times = np.concatenate([[1.0], TIMES + START * 1000])
-    assert rest_force(times, np.full(times.size, 5.9), START * 1000, zero=5.9).drift == 0
-    assert rest_force([], [], START).drift is None
+def test_of_nothing_recorded_no_rest_is_known() -> None:
+    assert rest_of_run(np.array([]), np.array([])).drift is None
     early = TIMES[TIMES < 0.2] + START
-    told = rest_force(early, np.sin(early), START)
+    told = rest_of_run(early, np.sin(early))
     assert told.no_after == "the recording ends within half a second of the start"

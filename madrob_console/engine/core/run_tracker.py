@@ -19,9 +19,10 @@ from scoring.events import EventDetector
 from scoring.procedure import Procedure, Ruling
 from scoring.protocol import Event, EventName, Outcome, Step
 from scoring.samples import Sample
+from scoring.stamps import REORDERED
 
-IN_FLIGHT = 0.1
-"""A timeout is judged this much later, s: all earlier measurements have arrived by then."""
+IN_FLIGHT = 0.1 + REORDERED
+"""A timeout is judged this much later, s: all earlier measurements have arrived and waited then."""
 
 MOST_NOTED = 500
 """Most events of a run that are noted one by one. A signal that flickers (two publishers, a loose
@@ -138,6 +139,7 @@ class RunTracker:
         later ones is decided yet. Both times are s since the epoch.
         """
         happened: list[Happening] = []
+        self.assessment.release(fed_until)
         if self._watch is not None:
             run = self._hold_at_false_start(run, self._watch, now, happened)
         due = run.held is None and now >= max(self._start, self._not_before)
@@ -198,7 +200,7 @@ class RunTracker:
         completed = self.procedure.completed
         if run.timeout_at is not None and fed_until >= run.timeout_at + IN_FLIGHT:
             return self._time_out(run, run.timeout_at, fed_until, happened)
-        if run.timeout_at is None and completed is not None:
+        if run.timeout_at is None and completed is not None and completed <= limit:
             return _stop(run, Outcome.COMPLETED, completed, "all six steps done", happened)
         return run
 

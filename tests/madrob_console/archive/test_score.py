@@ -42,7 +42,6 @@ from recorder.recovery import recover
 from scoring.indicator_table import IndicatorName
 from scoring.libraries import libraries_here
 from scoring.protocol import Condition, EventName, Step
-from scoring.result import Result
 from scoring.rulesets import RulesetName
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
@@ -58,23 +57,6 @@ from tests.madrob_console.recorded_runs import (
 from tests.madrob_console.robots import EVERY, Robot
 
 
-def remarks_on(result: Result, about: str) -> list[str]:
-    return [one for one in result.quality.remarks if one.startswith(about)]
-
-
-def test_published_files_say_what_they_leave_open(tmp_path: Path) -> None:
-    publish(recorded(Scenario.TOUCH_ONLY), tmp_path)
-    (cut,), (whole,) = score(tmp_path), score(recorded(Scenario.TOUCH_ONLY))
-    assert cut.result.condition.number == 1
-    first, second, *_ = cut.result.quality.remarks
-    assert first.startswith("scored from published files")
-    assert second.startswith("no uncertainty is known of the values")
-    (remark,) = remarks_on(cut.result, "unsafety")
-    assert "no acceleration from before and after the run" in remark
-    assert remarks_on(whole.result, "unsafety") == []
-    assert remarks_on(cut.result, "steps and outcome") == []  # the events are the protocol's
-
-
 def test_files_with_an_event_after_the_stop_score_as_the_recording_or_say_why(
     tmp_path: Path,
 ) -> None:
@@ -87,21 +69,11 @@ def test_files_with_an_event_after_the_stop_score_as_the_recording_or_say_why(
     for place in (tmp_path / "files", drive.folder):
         (scored,) = score(place, RulesetName.EUROBENCH_2020)
         result = scored.result
-        assert remarks_on(result, "unsafety") == []  # its rows are the whole recording
         values = {name: (one.value, one.reason) for name, one in result.indicators.items()}
         found.append((values, result.outcome, result.events))
     assert found[0] == found[1]
     names = [event.event for event in found[0][2]]
     assert names[-2:] == [EventName.BENCHMARK_STOP, EventName.MOVES_TO_CCW]
-    (files,) = score(tmp_path / "files", RulesetName.PROTOCOL)
-    for about in ("steps and outcome", "unsafety and smoothness"):
-        (remark,) = remarks_on(files.result, about)
-        assert "eurobench-2020" in remark
-    stop = files.result.stop
-    assert [(event.event, event.time) for event in files.result.events[-2:]] == [
-        (EventName.MOVES_TO_CCW, stop),  # who leaves after the stop has left at the stop
-        (EventName.BENCHMARK_STOP, stop),
-    ]
 
 
 def test_a_recording_whose_chunks_lie_in_another_order_scores_the_same(tmp_path: Path) -> None:

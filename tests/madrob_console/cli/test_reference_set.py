@@ -30,7 +30,6 @@ from madrob_console.cli.reference_set import (
 from recorder.reader import Bag
 from scoring.assessment import Assessment
 from scoring.protocol import Thresholds
-from scoring.rulesets import LowPassRule, ruleset
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.references.bags import messages, record_of
 from tests.madrob_console.references.runs import RUNS, ReferenceRun
@@ -67,47 +66,26 @@ def test_this_installation_scores_right_and_needs_no_ros(
     assert last == f"this installation scores right (12 references, {values} values)"
 
 
-WRONG: dict[str, list[tuple[dict[str, Any], str]]] = {
-    "rule": [
-        ({"low_pass_order": 4}, "sine unsafety_of_door_operation by protocol"),
-        ({"low_pass_frequency": 2.02}, "sine_encoder unsafety_of_door_operation by eurobench-2020"),
-        ({"low_pass": LowPassRule.ONE_PASS}, "minimum_jerk unsafety_of_door_operation by protocol"),
-        ({"window_time": 0.24}, "sine unsafety_of_door_operation by protocol"),
-        ({"savgol_window": 7}, "minimum_jerk smoothness_of_door_actuation by protocol"),
-        ({"present_height": 0.8}, "pull_arm_first door_occupation_time by protocol"),
-        ({"masked_is_absent": True, "passage_events_to_end": True}, "under_sensors_at_stop door_"),
-        ({"masked_is_absent": True}, "push_to_cw door_occupation_time by protocol"),
-        ({"cut_rows": False}, "both_sides_at_stop smoothness_of_door_actuation by protocol"),
-    ],
-    "threshold": [
-        ({"touch_force": 5.0}, "force_pulses time_to_handle by protocol"),
-        ({"closed_angle": 0.045}, "minimum_jerk passage_time by eurobench-2020"),
-        ({"lintel_height": 2.6}, "minimum_jerk capability_level by protocol: 3, expected 6"),
-        ({"settle_time": 3.0}, "push_to_cw step 6"),
-        ({"mask_from": (0.06,) * 5}, "push_to_cw step 4"),
-        ({"mask_to_cw": (0.2,) * 5}, "push_to_cw door_occupation_time by eurobench-2020"),
-    ],
-}
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"touch_force": 5.0}, "force_pulses time_to_handle by protocol"),
+    ({"closed_angle": 0.045}, "minimum_jerk passage_time by eurobench-2020"),
+    ({"lintel_height": 2.6}, "minimum_jerk capability_level by protocol: 3, expected 6"),
+    ({"settle_time": 3.0}, "push_to_cw step 6"),
+    ({"mask_from": (0.06,) * 5}, "push_to_cw step 4"),
+    ({"mask_to_cw": (0.2,) * 5}, "push_to_cw door_occupation_time by eurobench-2020"),
+]
 
 
-@pytest.mark.parametrize(
-    ("what", "wrong", "off"),
-    [(what, *one) for what, several in WRONG.items() for one in several],
-    ids=str,
-)
-def test_a_wrong_rule_or_threshold_is_named_with_its_value(
-    what: str, wrong: dict[str, Any], off: str, copy: Path, monkeypatch: pytest.MonkeyPatch,
-    madrob: Madrob,
-) -> None:  # fmt: skip
-    right: Callable[..., Assessment] = RunRecord.assessed_by
+@pytest.mark.parametrize(("wrong", "off"), WRONG, ids=str)
+def test_a_wrong_threshold_is_named_with_its_value(
+    wrong: dict[str, Any], off: str, copy: Path, monkeypatch: pytest.MonkeyPatch, madrob: Madrob
+) -> None:
+    right: Callable[..., Assessment] = RunRecord.assessment
 
     def spoilt(record: RunRecord, *rest: object) -> Assessment:
         return right(replace(record, thresholds=replace(Thresholds(), **wrong)), *rest)
 
-    if what == "rule":
-        monkeypatch.setattr(run_record, "ruleset", lambda name: replace(ruleset(name), **wrong))
-    else:
-        monkeypatch.setattr(RunRecord, "assessed_by", spoilt)
+    monkeypatch.setattr(RunRecord, "assessment", spoilt)
     # the one recording that `off` begins with is looked at
     path, recording = copy / EXPECTED_FILE, f"{off.split(maxsplit=1)[0]}.mcap"
     kept = [one for one in msgspec.json.decode(path.read_bytes()) if one["recording"] == recording]

@@ -14,7 +14,7 @@ from madrob_console.cli.__main__ import REFUSED, run_madrob
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
 from tests.madrob_console.recorded_runs import recorded
-from tests.scoring.eurobench.pandas_scripts import values
+from tests.scoring.pandas_scripts import values
 
 SMOOTHNESS = IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION.value
 
@@ -92,15 +92,15 @@ NAMES = ("event.csv", "wrench.csv", "jointState.csv", "condition.yaml")
         (
             "wrench.csv",
             b"time,force\n1,2\n",
-            "wrench.csv, line 1, column force_x: is missing",
+            "wrench.csv: column force_x is missing",
         ),
         (
             "jointState.csv",
             b"time,position,velocity,acceleration\n1,x,,\n",
-            "jointState.csv, line 2, column pos",
+            "jointState.csv, row 1 below the header, column position",
         ),
         ("jointState.csv", b"\xff", "jointState.csv: is no UTF-8 text"),
-        ("condition.yaml", b"benchmark_type: [", "condition.yaml, line 1: is no YAML"),
+        ("condition.yaml", b"benchmark_type: [", "condition.yaml: is no YAML"),
         (
             "condition.yaml",
             b"benchmark_type: No Force\n",

@@ -50,7 +50,7 @@ from madrob_console.referee.records import (
 )
 from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.referee.run import Phase, Run
-from scoring.events import Evidence as Observed
+from scoring.procedure import Evidence as Observed
 from scoring.procedure import Ruling, StepRecord, follow_procedure
 from scoring.protocol import EventName, LockDetection, Outcome, Signal, Step
 from scoring.quality import Quality, SignalQuality

@@ -21,7 +21,7 @@ from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName as Name
 from scoring.protocol import Signal, Thresholds
 from scoring.result import Indicator, Result
-from scoring.rulesets import EUROBENCH_2020, PROTOCOL, Ruleset
+from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.madrob_console.robots import Played, Robot
 from tests.madrob_console.sampled_runs import (
@@ -36,7 +36,6 @@ from tests.madrob_console.sampled_runs import (
     zero_of,
 )
 
-RULES = (PROTOCOL, EUROBENCH_2020)
 COUNT = Thresholds().encoder_count
 SUDDEN_RAMP = (4, 9, 14, 19)
 SCENARIOS = (
@@ -63,21 +62,14 @@ NETWORKS = {
 }
 
 
-@pytest.mark.parametrize("rules", RULES, ids=lambda rules: rules.name)
-def test_a_network_that_is_late_changes_no_value_and_no_outcome(rules: Ruleset) -> None:
+@pytest.mark.parametrize("rules", RulesetName)
+def test_a_network_that_is_late_changes_no_value_and_no_outcome(rules: RulesetName) -> None:
     plan = plan_of(Scenario.SLAM, condition=16)
     prompt = scored(sampled(plan, 1), plan, rules)[0]
     for name, network in NETWORKS.items():
         late = scored(sampled(plan, 1, network=network), plan, rules)[0]
         assert late.outcome is prompt.outcome, name
         assert values(late) == values(prompt), name
-
-
-def test_a_door_that_is_later_than_strips_wait_for_it_is_doubted_where_it_decides() -> None:
-    plan = plan_of(Scenario.SLAM, condition=16)
-    result = scored(sampled(plan, 1, network=_late(0.6)), plan)[0]
-    told = result.indicators[Name.DOOR_OCCUPATION_TIME].doubts
-    assert any("the door angle came too late" in words for words in told)
 
 
 def values(result: Result) -> dict[Name, int | float | None]:
@@ -94,9 +86,7 @@ def test_stamps_off_the_start_s_clock_are_doubted_a_little_is_in_the_uncertainty
     shifted = scored([replace(s, time=s.time + by) for s in samples], plan)[0].indicators
     for name in (Name.TIME_TO_HANDLE, Name.EXECUTION_TIME):
         assert plain[name].doubts == ()
-        assert any(
-            "the clock of the start differ in delay by 9" in words for words in shifted[name].doubts
-        )
+        assert any("the start" in words and " 90 ms" in words for words in shifted[name].doubts)
     assert shifted[Name.DOOR_OCCUPATION_TIME].doubts == ()
     little = scored([replace(s, time=s.time + by / 6) for s in samples], plan)[0].indicators
     assert little[Name.TIME_TO_HANDLE].doubts == ()
@@ -190,7 +180,7 @@ def test_one_bad_sample_that_moves_a_value_is_doubted(request: pytest.FixtureReq
             ]
             for size in sizes:
                 bad = spoilt(samples, random.choice(of_kind), change, size)
-                found = scored(bad, plan, PROTOCOL, zero)[0]
+                found = scored(bad, plan, zero=zero)[0]
                 told = all(found.indicators[name].doubts for name in moved(plain, found))
                 undoubted[what, size] += not told
     print(f"of {runs} undoubted: {dict(undoubted)}")
@@ -200,15 +190,13 @@ def test_one_bad_sample_that_moves_a_value_is_doubted(request: pytest.FixtureReq
 # ------------------------------------------------------------------------------ the truth
 
 
-def truths(scenario: Played, rules: Ruleset) -> dict[Name, float | None]:
-    """What happened, by a scorer without noise: times at 2 kHz, motion by the ruleset's filters."""
+def truths(scenario: Played) -> dict[Name, float | None]:
+    """What happened, by a scorer without noise: times at 2 kHz, motion by the filters."""
     plan = plan_of(scenario)
     dense = scored(
-        sampled(plan, 3, dataclasses.replace(EXACT, rate=2000.0), encoder=EXACT_ANGLE), plan, rules
+        sampled(plan, 3, dataclasses.replace(EXACT, rate=2000.0), encoder=EXACT_ANGLE), plan
     )[0]
-    exact = [
-        scored(sampled(plan, k, EXACT, encoder=EXACT_ANGLE), plan, rules)[0] for k in range(10)
-    ]
+    exact = [scored(sampled(plan, k, EXACT, encoder=EXACT_ANGLE), plan)[0] for k in range(10)]
     found: dict[Name, float | None] = dict(values(dense))
     name = Name.UNSAFETY_OF_DOOR_OPERATION
     found[name] = float(np.mean([float(one.indicators[name].value or 0) for one in exact]))
@@ -226,19 +214,18 @@ def test_the_uncertainty_holds_what_happened(part: int, request: pytest.FixtureR
     for scenario in SCENARIOS[part :: 2 if many else 6]:
         plan = plan_of(scenario)
         repeated = [sampled(plan, 1000 + seed) for seed in range(runs)]
-        for rules in RULES:
-            truth = truths(scenario, rules)
-            results = [scored(samples, plan, rules)[0].indicators for samples in repeated]
-            for name in Name:
-                seen = np.array([float(one[name].value or math.nan) for one in results])
-                expanded = np.array([worth(one[name]) for one in results])
-                known = truth[name]
-                about = float(seen.mean()) if known is None else known
-                held = float(np.mean(np.abs(seen - about) <= expanded + 1e-9))
-                spread = 2 * float(seen.std())
-                ratio = float(expanded.mean()) / spread if spread else 0.0
-                print(f"{scenario:21}{rules.name:15}{name:28}{100 * held:6.1f} %{ratio:6.1f}")
-                stray = 3 * math.sqrt(0.95 * 0.05 / runs)  # of so few runs
-                assert held >= 0.93 - stray, (scenario, rules.name, name)
-                largest = 7 if name is Name.ROUGHNESS_OF_DOOR_ACTUATION else 5
-                assert not many or ratio <= largest, (scenario, rules.name, name)
+        truth = truths(scenario)
+        results = [scored(samples, plan)[0].indicators for samples in repeated]
+        for name in Name:
+            seen = np.array([float(one[name].value or math.nan) for one in results])
+            expanded = np.array([worth(one[name]) for one in results])
+            known = truth[name]
+            about = float(seen.mean()) if known is None else known
+            held = float(np.mean(np.abs(seen - about) <= expanded + 1e-9))
+            spread = 2 * float(seen.std())
+            ratio = float(expanded.mean()) / spread if spread else 0.0
+            print(f"{scenario:21}{name:28}{100 * held:6.1f} %{ratio:6.1f}")
+            stray = 3 * math.sqrt(0.95 * 0.05 / runs)  # of so few runs
+            assert held >= 0.93 - stray, (scenario, name)
+            largest = 7 if name is Name.ROUGHNESS_OF_DOOR_ACTUATION else 5
+            assert not many or ratio <= largest, (scenario, name)
