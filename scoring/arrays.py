@@ -52,7 +52,7 @@ class Evaluation(Result):
 
     def figures(self) -> dict[str, Figure]:
         """The figures of the protocol document (section 6), by name; needs matplotlib."""
-        from scoring.figures.plots import figures_of
+        from scoring.figures import figures_of
 
         figures = figures_of(self, self.rows, self.condition)
         return {name.value: figure for name, figure in figures.items()}

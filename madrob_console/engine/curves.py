@@ -85,7 +85,7 @@ def curves_of(result: Result, rows: Rows) -> Curves:
 
 
 def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, ...]:
-    from scoring.figures.run_drawings import stretches
+    from scoring.run_drawings import stretches
 
     parts = stretches(time - start, value, rows.thresholds.largest_gap, MOST_CURVE_POINTS)
     return tuple(Curve(tuple(t.tolist()), tuple(v.tolist())) for t, v in parts)

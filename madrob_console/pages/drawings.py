@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 if TYPE_CHECKING:
-    from scoring.figures.event_labels import Interval
+    from scoring.run_drawings import Interval
 
 FAILED = "\N{MULTIPLICATION SIGN}"
 

@@ -12,11 +12,10 @@ from madrob_console.common.formatting import counted
 from madrob_console.pages.drawings import Scale
 from madrob_console.pages.related_runs import ComparedRun, PagePlace
 from madrob_console.pages.templates import date_text
-from scoring.figures.event_labels import Interval
-from scoring.figures.run_drawings import PhaseTimes, TimedPhase, median_phases, phases_of
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import distinguishable
+from scoring.run_drawings import Interval, PhaseTimes, TimedPhase, median_phases, phases_of
 
 _ALIKE = 2
 """Smallest difference between phases, in sampling intervals: each edge may be one off."""

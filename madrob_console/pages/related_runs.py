@@ -29,7 +29,7 @@ from madrob_console.referee.run_summary import RunSummary
 
 if TYPE_CHECKING:
     from madrob_console.archive.scored import Scored
-    from scoring.figures.run_drawings import PhaseTimes
+    from scoring.run_drawings import PhaseTimes
 
 _HEAD = 1000  # bytes of a report in which it says what it was made of
 _MADE_OF = re.compile('<meta name="(journal|team)" content="([^"]*)">')
@@ -199,7 +199,7 @@ class RelatedRuns:
         return self._runs[root]
 
     def _phases_of(self, folder: Path) -> PhaseTimes | None:
-        from scoring.figures.run_drawings import phases_of  # it loads numpy
+        from scoring.run_drawings import phases_of  # it loads numpy
 
         if folder not in self._phases:
             result = read_sound_result(str(folder))

@@ -26,10 +26,10 @@ from madrob_console.referee.flags import FlagKind, common_reason, other_remarks,
 from madrob_console.referee.records import Reissuing
 from madrob_console.referee.run_summary import OUTCOME_WORDS, VOID, RunSummary
 from scoring.figure_table import FigureName, FigurePart
-from scoring.figures.run_drawings import TimedPhase
 from scoring.indicator_table import IndicatorName
 from scoring.result import Indicator, Result, doubts_of, uncertainty_text
 from scoring.rulesets import ruleset
+from scoring.run_drawings import TimedPhase
 
 _MOST_EVENTS = 30
 """From the beginning, and from the end."""

@@ -13,7 +13,8 @@ from madrob_console.common.names import terminal_safe
 from madrob_console.pages.drawings import Scale, rows_of_words
 from madrob_console.pages.templates import render
 from scoring.figure_table import FigureName, Quantity
-from scoring.figures.run_drawings import (
+from scoring.indicator_table import IndicatorName
+from scoring.run_drawings import (
     BAND,
     BLUE,
     GREY,
@@ -22,7 +23,6 @@ from scoring.figures.run_drawings import (
     PassageFigure,
     passage_figure,
 )
-from scoring.indicator_table import IndicatorName
 
 NO_MATPLOTLIB = "they need matplotlib: install madrob-console with its extra `report`"
 
@@ -34,13 +34,12 @@ def figures(scored: Scored) -> Markup:
     result, rows, condition = scored.result, scored.rows, scored.record.setup.condition
     drawn: Mapping[FigureName, Markup] = {}
     try:
-        from scoring.figures.plots import alternatives_of, figures_of, missing_figures, svg
+        from scoring.figures import figures_of, heading, missing_figures, svg
     except ModuleNotFoundError:
         missing: Mapping[FigureName, str] = dict.fromkeys(FigureName, NO_MATPLOTLIB)
     else:
-        spoken = alternatives_of(result, rows, condition)
         drawn = {
-            name: inline(svg(figure), name.number, spoken[name])
+            name: inline(svg(figure), name.number, heading(result, name))
             for name, figure in figures_of(result, rows, condition).items()
         }
         missing = missing_figures(result, rows)

@@ -13,10 +13,10 @@ from madrob_console.pages.drawings import FAILED, Point, Scale, rows_of_words
 from madrob_console.pages.site_drawings import value_plots
 from madrob_console.pages.templates import TEMPLATES
 from madrob_console.referee.run_summary import RunSummary
-from scoring.figures.run_drawings import Lane, PassageFigure
 from scoring.indicator_table import IndicatorName
 from scoring.protocol import Outcome
 from scoring.result import Uncertainty
+from scoring.run_drawings import Lane, PassageFigure
 from tests.madrob_console.run_folders import summary
 
 DRAWINGS = TEMPLATES.get_template("drawings.html").module

@@ -13,12 +13,14 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from scoring.figures.event_labels import Interval
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import Array
 from scoring.protocol import PASSAGE_SENSORS, Condition, EventName, PassageSensor, Side, Step
 from scoring.result import Result
 from scoring.rows import Rows
+
+Interval = tuple[float, float]
+"""From and to, s."""
 
 
 def stretches(
