@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -65,6 +65,18 @@ class Series:
 
 Signals = Mapping[Signal, Series]
 """One of each signal; empty ones where nothing was recorded."""
+
+
+def signals_of(samples: Iterable[Sample]) -> Signals:
+    """Return the samples of a recording whose stamps can be used, by signal."""
+    guards = {signal: StampGuard() for signal in Signal}
+    kept: dict[Signal, list[Sample]] = {signal: [] for signal in Signal}
+    for sample in samples:
+        admitted = guards[sample.signal].admit(sample)
+        if admitted is not None:
+            kept[sample.signal].append(admitted)
+    return {signal: Series.of(signal, of_signal) for signal, of_signal in kept.items()}
+
 
 _STRIPS = {Signal.of_strip(strip) for strip in Strip}
 

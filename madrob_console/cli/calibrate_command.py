@@ -77,19 +77,19 @@ def _masks(arguments: argparse.Namespace) -> int:
 )
 def _handle(arguments: argparse.Namespace) -> int:
     from madrob_console.cli.testbed_calibration import (
+        forces_of,
         handle_mapping,
         handle_recording,
         handle_toml,
-        level_of,
     )
     from madrob_console.config import load_settings
-    from scoring.calibration.handle_scale import propose_handle
+    from scoring.calibration import propose_handle
 
     mapping = handle_mapping(load_settings(arguments.settings))
     paths = (arguments.rest, arguments.weight)
     with progress("recordings"):
         recordings = [handle_recording(path, mapping) for path in paths]
-        rest, weight = map(level_of, recordings)
+        rest, weight = map(forces_of, recordings)
     _note_problems(recordings)
     proposal = propose_handle(rest, weight, arguments.mass, arguments.towards)
     return _propose(handle_toml(proposal, mapping), arguments.output)

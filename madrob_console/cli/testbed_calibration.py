@@ -14,11 +14,10 @@ from madrob_console.messages.codec import Decoder
 from madrob_console.messages.mapping import TopicMapping
 from madrob_console.messages.types import MessageError, MessageTypes
 from recorder.reader import Bag
-from scoring.calibration.handle_scale import HandleProposal, SteadyForce
-from scoring.calibration.masks import MaskProposal, Sweep, SweepLog, propose_masks, sensor_name
+from scoring.calibration import HandleProposal, MaskProposal, propose_masks
 from scoring.protocol import ScoringError, Side, Signal, Strip
 from scoring.samples import HandleSample, Sample
-from scoring.stamps import StampGuard
+from scoring.series import signals_of
 
 _SWEPT = (Signal.DOOR, *(Signal.of_strip(strip) for strip in Strip))
 
@@ -79,15 +78,9 @@ def sweep_recordings(paths: Sequence[Path], settings: Settings) -> list[Calibrat
 
 def masks_of(recordings: Sequence[CalibrationRecording], settings: Settings) -> MaskProposal:
     """The masks that all recordings together show."""
-    thresholds = settings.scoring_thresholds()
-    sweeps = []
-    for recording in recordings:
-        log = SweepLog(thresholds.largest_gap)
-        for sample in recording.samples():
-            log.feed(sample)
-        sweeps.append(log.sweep())
+    sweeps = [signals_of(recording.samples()) for recording in recordings]
     try:
-        return propose_masks(Sweep.together(sweeps), thresholds)
+        return propose_masks(sweeps, settings.scoring_thresholds())
     except ScoringError as error:
         raise MadrobError(f"{recordings[0].path}: {error}") from None
 
@@ -101,27 +94,18 @@ def handle_recording(path: Path, mapping: TopicMapping) -> CalibrationRecording:
     return CalibrationRecording(path, [replace(mapping, scale=1.0, offset=0.0)])
 
 
-def level_of(recording: CalibrationRecording) -> SteadyForce:
-    guard = StampGuard()
-    samples = [
-        sample
-        for each in recording.samples()
-        if isinstance(sample := guard.admit(each), HandleSample)
-    ]
-    return SteadyForce.of(
-        str(recording.path), [s.time for s in samples], [s.force for s in samples]
-    )
+def forces_of(recording: CalibrationRecording) -> list[float]:
+    return [sample.force for sample in recording.samples() if isinstance(sample, HandleSample)]
 
 
 def masks_toml(proposal: MaskProposal) -> str:
     low, high = proposal.swept
-    panel = "too close" if proposal.panel_height is None else f"{proposal.panel_height:.3f} m high"
     lines = [
-        f"# Door swept from {low:.3f} to {high:.3f} rad; the panel is {panel}.",
+        f"# Door swept from {low:.3f} to {high:.3f} rad.",
         "# sensor                readings  of the panel  first, rad  last, rad  strays",
     ]
     for view in proposal.views:
-        name = f"# {sensor_name(view.sensor):<20}  {view.readings:>8}  "
+        name = f"# {view.name:<20}  {view.readings:>8}  "
         if view.first is None or view.last is None:
             lines.append(f"{name}never sees the panel: no mask; {view.strays} strays")
             continue
@@ -144,8 +128,8 @@ def masks_toml(proposal: MaskProposal) -> str:
 def handle_toml(proposal: HandleProposal, mapping: TopicMapping) -> str:
     unit = abs(proposal.scale)
     lines = [
-        f"# {name}: {level.samples} samples in {level.duration:.1f} s, median {level.median:.6g}, "
-        f"noise {level.noise * unit:.3f} N, drift {level.drift * unit:+.3f} N"
+        f"# {name}: {level.samples} samples, median {level.median:.6g}, "
+        f"noise {level.noise * unit:.3f} N"
         for name, level in (("rest", proposal.rest), ("weight", proposal.weight))
     ]
     if proposal.scale * mapping.scale < 0:
