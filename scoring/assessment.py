@@ -22,7 +22,7 @@ from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows, process_rows
 from scoring.rulesets import RulesetName
 from scoring.samples import HandleSample, Sample
-from scoring.series import Series, Signals, WholeSeries, passage_series, signal_quality
+from scoring.series import Series, SignalLog, Signals, WholeSeries, passage_series, signal_quality
 from scoring.stamps import ReorderBuffer, StampGuard
 from scoring.uncertainty import Recorded, uncertainties
 
@@ -64,7 +64,7 @@ class Assessment:
         self._zero = handle_zero
         self._detector = EventDetector(condition, start, self._thresholds, handle_zero)
         self._guards = {signal: StampGuard() for signal in Signal}
-        self._samples: dict[Signal, list[Sample]] = {signal: [] for signal in Signal}
+        self._logs = {signal: SignalLog() for signal in Signal}
         self._buffer = ReorderBuffer()
         self._problems: dict[str, int] = {}
         self._misread: dict[str, Signal] = {}
@@ -88,7 +88,7 @@ class Assessment:
         admitted = self._guards[sample.signal].admit(sample)
         if admitted is not None:
             self.newest = max(self.newest or admitted.time, admitted.time)
-            self._samples[sample.signal].append(admitted)
+            self._logs[sample.signal].add(admitted)
             if isinstance(admitted, HandleSample) and admitted.time >= self.start:
                 force = abs(admitted.force)
                 if self._top_force < force <= self._thresholds.impossible_force:
@@ -138,7 +138,7 @@ class Assessment:
         """Doubts on edges so far, by file name (section 11)."""
         until = (self.newest or self.start) - _CERTAIN
         edges = [edge for edge in self._detector.deciding() if edge.time <= until]
-        doubts = edge_doubts(edges, self._samples, self._zero, self._thresholds)
+        doubts = edge_doubts(edges, self._logs, self._zero, self._thresholds)
         return {str(name): sentences for name, sentences in by_indicator(doubts).items()}
 
     def quality(self, more: Iterable[str] = ()) -> Quality:
@@ -224,7 +224,7 @@ class Assessment:
         )
 
     def _signals(self) -> Signals:
-        return {signal: Series.of(signal, samples) for signal, samples in self._samples.items()}
+        return {signal: log.series(signal) for signal, log in self._logs.items()}
 
     def _readings(self, signals: Signals) -> Signals:
         """With door angles and forces that a sensor can say alone."""
@@ -273,7 +273,7 @@ class Assessment:
             end=end,
             condition=self.condition,
             handle_zero=self._zero,
-            samples=self._samples,
+            logs=self._logs,
             presences=self._detector.presences(),
             procedure=procedure,
             evidence=self._detector.evidence(end),

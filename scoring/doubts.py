@@ -28,8 +28,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.result import Indicator, Uncertainty, value_text
-from scoring.samples import DoorSample, HandleSample, Sample
-from scoring.series import Flags, Series
+from scoring.series import Flags, Series, SignalLog
 from scoring.uncertainty import Recorded
 
 Doubt = tuple[tuple[Name, ...], str]
@@ -73,7 +72,7 @@ class Grounds:
 
     Attributes:
         end: of the run; `run.rows_end` may be later.
-        samples: of each signal, in the order of their stamps.
+        logs: the samples of each signal.
         presences: for each used sensor, from when to when something was under it.
         misread: words that doubt a signal, from the reader of the recording.
     """
@@ -82,7 +81,7 @@ class Grounds:
     end: float
     condition: Condition
     handle_zero: float
-    samples: Mapping[Signal, Sequence[Sample]]
+    logs: Mapping[Signal, SignalLog]
     presences: Mapping[PassageSensor, Sequence[tuple[float, float]]]
     procedure: Procedure
     evidence: Evidence
@@ -163,33 +162,28 @@ def information(g: Grounds) -> Iterator[str]:
 
 
 def _few_readings(g: Grounds) -> Iterator[Doubt]:
-    yield from edge_doubts(g.run.edges, g.samples, g.handle_zero, g.thresholds)
+    yield from edge_doubts(g.run.edges, g.logs, g.handle_zero, g.thresholds)
 
 
 def edge_doubts(
     edges: Iterable[DecidingEdge],
-    samples: Mapping[Signal, Sequence[Sample]],
+    logs: Mapping[Signal, SignalLog],
     handle_zero: float,
     thresholds: Thresholds,
 ) -> Iterator[Doubt]:
     """Touch, opening or closing that rests on few readings; known while the run goes on."""
-
-    def is_up(sample: Sample) -> bool:
-        if isinstance(sample, HandleSample):
-            return abs(sample.force - handle_zero) > thresholds.touch_force
-        return isinstance(sample, DoorSample) and abs(sample.angle) >= thresholds.closed_angle
-
     for edge in edges:
-        fewest, of_signal = _FEWEST.get(edge.kind, 0), samples[edge.signal]
-        at = bisect_left(of_signal, edge.time, key=lambda sample: sample.time)
-        state, readings = edge.kind is not EdgeKind.CLOSING, 0
-        while readings < fewest and at + readings < len(of_signal):
-            if is_up(of_signal[at + readings]) is not state:
-                break
-            readings += 1
+        fewest, log = _FEWEST.get(edge.kind, 0), logs[edge.signal]
+        zero, limit = 0.0, thresholds.closed_angle
+        if edge.kind is EdgeKind.TOUCH:
+            zero, limit = handle_zero, thresholds.touch_force
+        at = bisect_left(log.time, edge.time)
+        held = [abs(value - zero) >= limit for value in log.value[at : at + fewest]]
+        state = edge.kind is not EdgeKind.CLOSING
+        readings = (*held, not state).index(not state)
         if edge.kind is EdgeKind.CLOSING:  # it was open before
-            opened = next((n for n in range(fewest) if not is_up(of_signal[at - 1 - n])), fewest)
-            readings = min(readings, opened)
+            before = [abs(value) >= limit for value in log.value[max(0, at - fewest) : at]]
+            readings = min(readings, (*reversed(before), False).index(False))
         if readings < fewest:
             counted = f"{readings} sample{'s' if readings != 1 else ''}"
             yield edge.kind.indicators, f"{edge.kind.words} rests on {counted}: was it real?"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from array import array
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,18 +43,6 @@ class Series:
     value: Array
     sequence: Array
 
-    @classmethod
-    def of(cls, signal: Signal, samples: Sequence[Sample]) -> Self:
-        value = np.array([_value(sample) for sample in samples], dtype=np.float64)
-        if signal in _STRIPS:
-            value = value.reshape(-1, SENSORS_PER_STRIP)
-        return cls(
-            np.array([sample.time for sample in samples], dtype=np.float64),
-            np.array([sample.log_time for sample in samples], dtype=np.float64),
-            value,
-            np.array([sample.sequence for sample in samples], dtype=np.float64),
-        )
-
     def where(self, rows: Flags) -> Series:
         return Series(self.time[rows], self.log[rows], self.value[rows], self.sequence[rows])
 
@@ -70,27 +58,45 @@ Signals = Mapping[Signal, Series]
 def signals_of(samples: Iterable[Sample]) -> Signals:
     """Return the samples of a recording whose stamps can be used, by signal."""
     guards = {signal: StampGuard() for signal in Signal}
-    kept: dict[Signal, list[Sample]] = {signal: [] for signal in Signal}
+    logs = {signal: SignalLog() for signal in Signal}
     for sample in samples:
         admitted = guards[sample.signal].admit(sample)
         if admitted is not None:
-            kept[sample.signal].append(admitted)
-    return {signal: Series.of(signal, of_signal) for signal, of_signal in kept.items()}
+            logs[sample.signal].add(admitted)
+    return {signal: log.series(signal) for signal, log in logs.items()}
+
+
+class SignalLog:
+    """The samples of one signal, in plain arrays: a run has tens of thousands of them."""
+
+    def __init__(self) -> None:
+        self.time = array("d")
+        self.value = array("d")
+        self._log = array("d")
+        self._sequence = array("d")
+
+    def add(self, sample: Sample) -> None:
+        self.time.append(sample.time)
+        self._log.append(sample.log_time)
+        self._sequence.append(sample.sequence)
+        match sample:
+            case DoorSample():
+                self.value.append(sample.angle)
+            case HandleSample():
+                self.value.append(sample.force)
+            case LatchSample():
+                self.value.append(sample.engaged)
+            case PassageSample():
+                self.value.extend(_ranges(sample))
+
+    def series(self, signal: Signal) -> Series:
+        value = np.array(self.value)
+        if signal in _STRIPS:
+            value = value.reshape(-1, SENSORS_PER_STRIP)
+        return Series(np.array(self.time), np.array(self._log), value, np.array(self._sequence))
 
 
 _STRIPS = {Signal.of_strip(strip) for strip in Strip}
-
-
-def _value(sample: Sample) -> float | tuple[float, ...]:
-    match sample:
-        case DoorSample():
-            return sample.angle
-        case HandleSample():
-            return sample.force
-        case LatchSample():
-            return float(sample.engaged)
-        case PassageSample():
-            return _ranges(sample)
 
 
 def _ranges(sample: PassageSample) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ from scoring.protocol import Signal, Thresholds
 from scoring.quality import SignalQuality
 from scoring.rest import HandleRest, RestForce, moved, rest_force, rest_of
 from scoring.samples import DoorSample
-from scoring.series import Series, signal_quality
+from scoring.series import SignalLog, signal_quality
 from scoring.stamps import StampGuard
 from tests.scoring.runs import START
 
@@ -119,9 +119,12 @@ def quality(
     signal: Signal, samples: list[DoorSample], begin: float = BEGIN, end: float = BEGIN
 ) -> SignalQuality:
     guard = StampGuard()
-    kept = [sample for sample in map(guard.admit, samples) if sample is not None]
-    series = Series.of(signal, kept)
-    return signal_quality(signal, series, guard, (begin, end), Thresholds())
+    log = SignalLog()
+    for sample in samples:
+        admitted = guard.admit(sample)
+        if admitted is not None:
+            log.add(admitted)
+    return signal_quality(signal, log.series(signal), guard, (begin, end), Thresholds())
 
 
 def test_quality_counts_rate_gaps_and_jitter() -> None:

@@ -190,6 +190,7 @@ def test_the_samples_of_a_run_are_sent_without_copying_them() -> None:
         at = 100.0 + number / 500
         run.feed(DoorSample(at, at, 0.0))
         run.feed(HandleSample(at, at, 0.0))
+        run.release(at)
     head, *parts = question_parts(7, run)
     copied = [part for part in parts if isinstance(part, bytes)]
     assert sum(map(len, copied)) < sum(map(len, parts)) / 10

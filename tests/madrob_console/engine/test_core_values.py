@@ -52,6 +52,7 @@ from madrob_console.engine.core.inputs import (
     Tick,
 )
 from madrob_console.engine.core.now import DiskState, Now, TestbedState, WorkerState
+from madrob_console.engine.core.run_tracker import IN_FLIGHT
 from madrob_console.engine.core.scored_run import (
     EarlierRun,
     PastRun,
@@ -384,7 +385,7 @@ def stopped_by_timeout(values: Values) -> Run:
     values.take(Tick(), make_setup().countdown)
     declared = [e for e in values.do(DeclareTimeout("gave up")) if isinstance(e, WriteLine)]
     values.take(LineWritten(declared[0].entry.id, None))
-    values.take(Tick(), 0.2)
+    values.take(Tick(), IN_FLIGHT + 0.1)
     run = values.core.current_run.run
     assert (run.phase, run.outcome) == (Phase.STOPPED, Outcome.TIMEOUT)
     return run
