@@ -40,6 +40,7 @@ _FEWEST = {EdgeKind.TOUCH: 3, EdgeKind.OPENING: 5, EdgeKind.CLOSING: 5}  # a kno
 _COUNTS, _DEVIATIONS = 3, 5  # by which a bad angle is off
 _TREMBLING = 0.0105  # rad a sample: no panel that trembles does more
 _STILL = 1.0  # s; a door does not stop so long from full speed
+_NOISY, _LONG_STILL = 0.2, 5.0  # of a count, s; such noise changes a still angle sooner
 _FROZEN = 50  # samples of a freeze at most
 _LEAST_NOISE = 0.01  # N, of a load cell
 _AJAR = 0.0035  # rad
@@ -405,14 +406,16 @@ def frozen(angle: Array, limit: float) -> Flags:
 
 
 def _freeze(g: Grounds) -> Iterator[Doubt]:
-    """A door that is open and moves, and then says the same to the end."""
+    """A door that is open, and then says the same to the end: from full speed, or without noise."""
     door = g.run.door
     moves = np.flatnonzero(np.diff(door.value))
     if not moves.size or abs(door.value[-1]) < g.thresholds.closed_angle:
         return
     last = moves[-1]
-    is_still = min(g.run.rows_end, door.time[-1]) - door.time[last + 1] > _STILL
-    if is_still and abs(door.value[last + 1] - door.value[last]) > _limit(g):
+    still = min(g.run.rows_end, door.time[-1]) - door.time[last + 1]
+    stopped = still > _STILL and abs(door.value[last + 1] - door.value[last]) > _limit(g)
+    is_noisy = g.run.at_rest(Signal.DOOR)[1] > _NOISY * g.run.count
+    if stopped or (is_noisy and still > _LONG_STILL):
         words = f"door angle does not change any more from {_when(g, door.time[last + 1])} on"
         yield _OF_SIGNAL[Signal.DOOR], f"{words}: did the sensor freeze?"
 
