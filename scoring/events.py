@@ -146,7 +146,7 @@ class EventDetector:
         """What is known about the steps, live (`stop` None) or for a run stopped at `stop`."""
         crossed = self._crossed_since
         if stop is not None:
-            self._begin()
+            self._begin(stop)
             left = self._leaves(stop)
             reached = left is not None and left[1] is self._condition.destination_side
             crossed = left[0] if left is not None and reached else None
@@ -169,7 +169,7 @@ class EventDetector:
         door and latch for screens: a flickering one has many.
         """
         if stop is not None:
-            self._begin()
+            self._begin(stop)
         events = [Event(self._start, EventName.BENCHMARK_START)]
         touch = self._first_touch(stop)
         if touch is not None:
@@ -285,7 +285,8 @@ class EventDetector:
         under = (sensor for sensor, level in by_side if level.at(time))
         return Signal.of_strip(next(under).strip)
 
-    def _begin(self) -> None:
+    def _begin(self, stop: float) -> None:
         """Signals that were up at the start rise there, even if they never spoke again."""
-        for level in (self._door, self._touch, *self._sensors.values()):
-            level.begin_run(self._start)
+        if stop >= self._start:  # else it ended in the countdown
+            for level in (self._door, self._touch, *self._sensors.values()):
+                level.begin_run(self._start)

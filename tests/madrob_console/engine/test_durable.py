@@ -20,6 +20,7 @@ from madrob_console.archive.folders import JOURNAL_FILE
 from madrob_console.archive.run_paths import RunPath
 from madrob_console.archive.scored import score_opened
 from madrob_console.archive.unfinished_runs import find_unfinished
+from madrob_console.engine.core.run_tracker import IN_FLIGHT
 from madrob_console.referee.acts import (
     ACT_CALLED,
     Abort,
@@ -244,7 +245,7 @@ def test_what_is_done_at_once_waits_for_no_disk_and_is_written_when_it_is_back(
     for act in acts:
         hall.submit(act)
     assert hall.told == [None] * len(acts)
-    hall.pass_time(0.2)
+    hall.pass_time(IN_FLIGHT + 0.1)
     assert hall.phases[heard:] == tuple(published)
     assert hall.engine.run.phase is Phase.STOPPED
     hall.pass_time(10.0)
@@ -253,7 +254,7 @@ def test_what_is_done_at_once_waits_for_no_disk_and_is_written_when_it_is_back(
     names += ["run stops"] * isinstance(acts[-1], DeclareTimeout)
     waiting, silence = hall.engine.unwritten
     assert waiting == len(names)
-    assert silence == pytest.approx(10.2, abs=0.1)
+    assert silence == pytest.approx(10.1 + IN_FLIGHT, abs=0.1)
     shown = hall.engine.snapshot()
     assert hall.engine.busy
     assert shown.refusals["finalise"] == "the result is being written"
@@ -274,7 +275,7 @@ def test_a_silent_disk_stops_no_clock_and_is_asked_for_nothing_new(hall: Hall) -
     hall.start(make_setup(timeout=8.0))
     hall.disk.held = True
     hall.submit(AddNote("a line that hangs"))
-    hall.pass_time(8.2)
+    hall.pass_time(8.0 + IN_FLIGHT + 0.1)
     run = hall.engine.run
     assert (run.phase, run.outcome) == (Phase.STOPPED, Outcome.TIMEOUT)
     assert run.stop == hall.start_time + 8.0

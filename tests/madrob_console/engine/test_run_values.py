@@ -13,6 +13,7 @@ from madrob_console.common.names import SourceKind
 from madrob_console.engine.core.event_log import KEPT_LINES, EventLog
 from madrob_console.engine.core.run_faults import RunFaults
 from madrob_console.engine.core.run_tracker import (
+    IN_FLIGHT,
     MOST_FALSE_STARTS,
     MOST_NOTED,
     MOST_ROBOT_WORDS,
@@ -470,8 +471,8 @@ def test_a_run_starts_at_its_time_and_a_timeout_is_judged_when_all_has_arrived()
     limit = START + SETUP.timeout
     assert course.go(305.0).timeout_at == limit
     assert course.run.outcome_reason == "300 s elapsed"
-    assert course.go(306.0, fed=305.09).phase is Phase.RUNNING
-    stopped = course.go(306.0, fed=305.101)
+    assert course.go(306.0, fed=304.99 + IN_FLIGHT).phase is Phase.RUNNING
+    stopped = course.go(306.0, fed=305.001 + IN_FLIGHT)
     assert (stopped.phase, stopped.outcome, stopped.stop) == (
         Phase.STOPPED,
         Outcome.TIMEOUT,
@@ -568,8 +569,8 @@ def passing(at: float, side: Side, there: bool) -> Arrival:
 @pytest.mark.parametrize(
     ("closed", "ends", "outcome", "stop"),
     [
-        (100.0, 101.1, Outcome.COMPLETED, 100.0),
-        (304.5, 305.6, Outcome.COMPLETED, 304.5),  # the settle time goes beyond the timeout
+        (100.0, 101.4, Outcome.COMPLETED, 100.0),
+        (304.5, 305.9, Outcome.COMPLETED, 304.5),  # the settle time goes beyond the timeout
         (306.0, 307.5, Outcome.TIMEOUT, 305.0),
     ],
 )
@@ -604,6 +605,7 @@ def test_what_came_in_the_countdown_counts_after_it_began_again() -> None:
     course.feed(handle(2.0, 50.0))
     course.tracker.restart(begin_countdown(course.run, NOW + 3.0), NOW + 3.0)
     course.feed(handle(9.0, 50.0))
+    course.go(9.5)
     touches = [e.time for e in course.tracker.assessment.events() if "touched" in e.name]
     assert touches == [NOW + 3.0 + SETUP.countdown]
 
