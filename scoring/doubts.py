@@ -211,27 +211,13 @@ def _other_visits(g: Grounds) -> Iterator[Doubt]:
         return
     since, until, _ = passages[-1]
     starting = g.condition.starting_side
-    left = [b for a, b, side in under if side is starting and a > since and b <= g.end]
+    # the robot was on the other side when something ended the run on this one
+    back = {b for a, b, side in under if side is starting and since < a and b <= g.end}
     for edge in g.run.edges:
-        # the robot was on the other side when something ended the run on this one
-        again = edge.kind is EdgeKind.DEPARTURE and edge.time in left and len(left) > 1
-        again = again and _clear_before(under, starting, since, edge.time)
+        again = edge.kind is EdgeKind.DEPARTURE and edge.time in back
         if edge.kind.under_sensors and (again or not since <= edge.time <= until):
             words = f"{edge.kind.words} is not of the passage"
             yield edge.kind.indicators, f"{words}: was somebody else there, or did the robot turn?"
-
-
-def _clear_before(
-    under: Sequence[tuple[float, float, Side]], side: Side, since: float, time: float
-) -> bool:
-    """Whether the side was clear within a passage, and then occupied again up to `time`."""
-    spans = sorted((a, b) for a, b, of in under if of is side and since <= a < time)
-    reached = spans[0][1] if spans else time
-    for rise, fall in spans:
-        if rise > reached + _PAUSE:
-            return True
-        reached = max(reached, fall)
-    return False
 
 
 # --- what is missing
