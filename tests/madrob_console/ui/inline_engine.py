@@ -26,6 +26,7 @@ from madrob_console.common.clock import NS, Clock, VirtualClock, nanoseconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind
 from madrob_console.engine.core.engine_config import EngineConfig
+from madrob_console.engine.core.run_tracker import IN_FLIGHT
 from madrob_console.engine.playback import PlaybackCommand
 from madrob_console.engine.requests import (
     GiveFrames,
@@ -70,6 +71,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.result import Indicator
+from scoring.stamps import REORDERED
 from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.robots import any_testbed
 from tests.madrob_console.ui.prepared import PreparedScorer, a_setup
@@ -415,6 +417,7 @@ class HandEngine(LocalEngine):
                 self.put(angle=0.0)
             case Step.LOCK:
                 self.tick(Thresholds().settle_time + 0.1)
+                self.tick(REORDERED)  # the last sample has waited for others
 
     def move(
         self, duration: float, angle: Callable[[float], float], force: Callable[[float], float]
@@ -438,7 +441,7 @@ class HandEngine(LocalEngine):
         else:
             ends = Abort if outcome is Outcome.ABORTED else DeclareTimeout
             assert self.act(ends(reason)) is None
-            self.tick(0.1)  # it stops when all until then is judged
+            self.tick(IN_FLIGHT + 0.1)  # it stops when all until then is judged
 
     def finish(self, outcome: Outcome = Outcome.COMPLETED, reason: str = "gave up") -> None:
         """The run ends and is scored."""
