@@ -36,6 +36,7 @@ from madrob_console.ui.keys.key_table import FINDS_BY_ITSELF, KEYS
 from madrob_console.ui.keys.questions import NO_REASON
 from madrob_console.ui.link import LOOKING_PERIOD
 from scoring.protocol import Step
+from scoring.stamps import REORDERED
 from tests.madrob_console.run_folders import summary
 from tests.madrob_console.ui.driver import (
     DEFAULTS,
@@ -314,6 +315,7 @@ STORIES: Stories = {
         ("c",),
         (waits("", says("working ..., the keys go on")),),
         (engine_does(HandEngine.do_step, Step.OPEN),),
+        (engine_does(HandEngine.tick, REORDERED),),
         (Driver.look_thrice, "sensor  door opens"),
         (waits("i", "Which?"),),
         (waits("c", says("the one before is not answered yet")),),

@@ -40,6 +40,7 @@ from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Condition, EventName, Side, Signal, Step
 from scoring.result import Result
 from scoring.rulesets import RulesetName
+from scoring.stamps import REORDERED
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 from tests.madrob_console.robots import Played, Robot
 from tests.madrob_console.ui.driver import (
@@ -181,6 +182,7 @@ def test_events_stand_as_letters_at_their_times_on_the_axis_of_both_plots() -> N
     for step in (Step.TOUCH, Step.OPEN, Step.CROSS, Step.CLOSE):
         engine.tick(3.0)
         engine.do_step(step)
+    engine.tick(REORDERED)
     snapshot = engine.snapshot()
     plots, (axis, _) = chart(snapshot)
     letters = {char: x for x, char in enumerate(axis[-len(plots[0]) :]) if char.isalpha()}
@@ -412,6 +414,7 @@ STORIES: Stories = {
         (acting(Driver.do_steps, Step.TOUCH),),
         (passes(1.25),),
         (acting(Driver.do_steps, Step.OPEN),),
+        (passes(REORDERED),),
         (sets(angle=0.31, force=12.3),),
         (
             Driver.look_thrice,
@@ -580,6 +583,7 @@ STORIES: Stories = {
         (acting(Driver.do_steps, Step.OPEN),),
         (passes(2.0),),
         (acting(Driver.do_steps, Step.CROSS),),
+        (passes(REORDERED),),
         (sets(provisional={"time_to_handle": 1.0, "door_occupation_time": 2.345}),),
         (
             Driver.look_thrice,
