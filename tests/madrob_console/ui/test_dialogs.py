@@ -25,6 +25,7 @@ from madrob_console.referee.team_list import TeamList
 from madrob_console.ui.keys.questions import NO_REASON
 from madrob_console.ui.panes.run_status import clock_span
 from scoring.protocol import Outcome, Side, Step
+from scoring.stamps import REORDERED
 from tests.madrob_console.ui.driver import (
     Driver,
     Stories,
@@ -331,6 +332,7 @@ STORIES: Stories = {
     "a ruling shows what the sensors and the referee say": [
         (Driver.run,),
         (lambda d: d.engine.do_step(Step.TOUCH),),
+        (lambda d: d.engine.tick(REORDERED),),
         ("1", "Sensors: 1.000 s. Referee: nothing yet."),
         (
             "r o '=only brushed' enter down down enter",

@@ -34,6 +34,7 @@ from madrob_console.ui.keys.key_table import FUNCTION_KEYS, LETTER_KEYS, PLAYBAC
 from madrob_console.ui.panes.result_pane import ResultHead
 from madrob_console.ui.panes.top_view import doorway, top_view
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose, Step
+from scoring.stamps import REORDERED
 from tests.madrob_console.ui.driver import (
     Driver,
     Stories,
@@ -200,6 +201,7 @@ def test_the_live_door_shows_what_the_sensors_see_and_on_which_side_the_robot_is
     assert [char for char in rows[wall + 1] if char in "O."] == [*"O...."]
     assert rows[0].startswith("CCW robot")
     engine.do_step(Step.CROSS)
+    engine.tick(REORDERED)
     rows = live(engine.snapshot())
     engine.end()
     assert [row.split()[:2] for row in (rows[0], rows[-3])] == [["CCW", "+1.2"], ["CW", "robot"]]
