@@ -515,6 +515,7 @@ STORIES: Stories = {
         (Driver.run,),
         ("1", "passage sensors", "Sensors: not done"),
         (lambda d: d.engine.do_step(Step.TOUCH),),
+        (lambda d: d.engine.tick(REORDERED),),
         (types_every(MACHINE),),
         (Driver.settle, "Sensors: 1.000 s"),
         ("d", Rule(Step.TOUCH, confirmed=False, reason=NO_REASON)),

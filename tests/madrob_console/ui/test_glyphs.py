@@ -154,7 +154,7 @@ def test_a_terminal_too_small_for_the_panes_has_rows_that_fit(state: str, width:
             [
                 "RUNNING  0:11.2  F8 ABORT",
                 "/madrob/passage/cw_left: no message for 2.3 s, the",
-                "publisher is gone  4:49 left  next: step 2 unlock the door",
+                "publisher is gone  4:49 left  next: step 1 touch the handle",
                 "60x18 shows all",
             ],
         ),
