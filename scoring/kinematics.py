@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import import_module
 
 import numpy as np
@@ -133,6 +134,7 @@ def low_pass(joint: JointState, thresholds: Thresholds) -> tuple[Array, str | No
     return filtered, None
 
 
+@lru_cache(maxsize=16)  # uncertainties filter the same run a dozen times
 def butterworth(interval: float) -> tuple[Array, Array]:
     """Design the low-pass filter for a sampling interval, s."""
     from scipy import signal
