@@ -196,7 +196,7 @@ class WallApp(MadrobApp, inherit_bindings=False):
         yield Wall()
 
     async def show_engine(self) -> None:
-        self.set_interval(BUSY_PERIOD, self.poll)
+        self.query_one(Wall).set_interval(BUSY_PERIOD, self.poll)  # it ends with the wall
         self.poll()
 
     def poll(self) -> None:
