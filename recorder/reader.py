@@ -346,11 +346,14 @@ def _summary_outline(file: BufferedReader) -> Outline | None:
         outline.counts[topic.name] += stated.channel_message_counts.get(channel.id, 0)
     for index in metadata:
         outline.records |= reader.part_at(index.offset).records
+    is_indexed = any(chunk.message_index_offsets for chunk in chunks)
     for chunk in chunks:
-        if chunk.message_end_time:
+        if chunk.message_end_time or chunk.message_index_offsets:
             outline.starts.append(chunk.message_start_time)
             outline.ends.append(chunk.message_end_time)
             outline.places.append(chunk.chunk_start_offset)
+        elif stated.message_count and not is_indexed:
+            return None  # it has no messages, or all of them at time 0
     return outline
 
 

@@ -21,7 +21,7 @@ from mcap.records import (
     Message,
     Schema,
 )
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
 from msgspec.structs import replace
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -83,8 +83,8 @@ def opened(place: Path, content: bytes) -> Bag:
 
 
 TOPICS = [topic("/a", "std_msgs/msg/String"), topic("/b", "std_msgs/msg/Bool", LATCHED), talk()]
-TIMES = st.one_of(st.integers(START_NS, START_NS + 20), st.integers(1, 2**62))
-"""A chunk of which the last time is 0 has no messages, as the index has it."""
+TIMES = st.one_of(st.integers(START_NS, START_NS + 20), st.just(0), st.integers(0, 2**62))
+"""A simulated clock begins at 0: so may a chunk, which then looks like one without messages."""
 ANY_MESSAGE = st.builds(
     lambda topic, data, receive_ns, publish_ns: RawMessage(
         topic.name, topic.type, data, publish_ns, receive_ns
@@ -149,8 +149,12 @@ def chunk_starts(file: Path) -> list[int]:
     """First log times of the chunks of a file, of its first message without any; by mcap."""
     with file.open("rb") as stream:
         records = list(StreamReader(stream, emit_chunks=True).records)
-    chunks = [r.message_start_time for r in records if isinstance(r, Chunk) and r.message_end_time]
+    chunks = [r.message_start_time for r in records if isinstance(r, Chunk) and has_messages(r)]
     return chunks or [r.log_time for r in records if isinstance(r, Message)]
+
+
+def has_messages(chunk: Chunk) -> bool:
+    return any(isinstance(record, Message) for record in breakup_chunk(chunk))
 
 
 def placed(
@@ -329,6 +333,18 @@ def test_to_find_one_message_a_small_part_of_the_file_is_read(place: Path) -> No
     before = read()
     assert Bag(place).nearest("/talk", messages[250].receive_ns, 0) == messages[250]
     assert read() - before < place.stat().st_size / 20
+
+
+@pytest.mark.parametrize("index_types", [IndexType.ALL, IndexType.CHUNK])
+def test_a_chunk_at_time_0_is_not_taken_for_an_empty_one(
+    place: Path, index_types: IndexType
+) -> None:
+    """A simulated clock that is set back leaves one behind the others."""
+    messages = [*MESSAGES[:3], replace(MESSAGES[3], receive_ns=0)]
+    place.write_bytes(by_library(messages, chunk_size=1, index_types=index_types))
+    bag = Bag(place)
+    assert bag.nearest("/talk", 0, 0) == messages[3]
+    assert list(bag.messages()) == [messages[3], *MESSAGES[:3]]
 
 
 @pytest.mark.parametrize(
