@@ -144,12 +144,15 @@ def _shown(frame: RawMessage) -> bytes:
     """Return a frame as it is, or as a JPEG if it is raw or too large; raises what Pillow does."""
     if find_spec("PIL") is None:
         raise MadrobError(NO_PILLOW)
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     content = standard_types().decode(frame.type, frame.data)
     data = bytes(content.data)
     if frame.type == _PACKED:
-        picture: Image.Image = Image.open(BytesIO(data), formats=("JPEG", "PNG"))
+        try:
+            picture: Image.Image = Image.open(BytesIO(data), formats=("JPEG", "PNG"))
+        except UnidentifiedImageError:  # it names an object in memory
+            raise MadrobError("it is neither JPEG nor PNG") from None
         _refuse_large(*picture.size)
         if picture.width <= SIDE:
             return data

@@ -121,6 +121,7 @@ class Settings(SettingsTable, frozen=True):
         _no_repetition("topics", [topic.signal.value for topic in self.topics])
         _no_repetition("teams", [str(team.subject) for team in self.teams])
         _no_repetition("start_poses", [pose.name for pose in self.start_poses])
+        _no_repetition("evidence.topics", list(self.evidence.topics))
 
     def testbed_name(self, host: str) -> str:
         """The testbed's name (protocol section 2); without one in the settings, `host`."""

@@ -39,7 +39,11 @@ _L = SensorLimits()
 _NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 _TopicName = Annotated[
     str,
-    written_as(rf"(/{_NAME})+", "name of a topic: it begins with /, as in /madrob/door"),
+    written_as(
+        rf"(?=.{{2,200}}$)(/{_NAME})+",  # DDS takes 247 characters, with the namespace
+        "name of a topic: at most 200 characters, of words of letters (a to z), digits and _ "
+        "that each begin with / and no digit, as in /madrob/door",
+    ),
 ]
 _TypeName = Annotated[
     str, written_as(rf"{_NAME}/msg/{_NAME}", "message type, as in std_msgs/msg/Float64")

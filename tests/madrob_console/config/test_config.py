@@ -262,7 +262,13 @@ def test_the_file_names_the_topics_that_are_recorded_beside_the_run(tmp_path: Pa
         ("[[topics]]\nsignal = 'latch'\ntype = 'a/B'", "topics[0].type: 'a/B' is no message type"),
         (
             "[evidence]\ntopics = ['/a', 'b']",
-            "evidence.topics[1]: 'b' is no name of a topic: it begins with /",
+            "evidence.topics[1]: 'b' is no name of a topic: at most 200 characters, of words ",
+        ),
+        ("[evidence]\ntopics = ['/a//b']", "evidence.topics[0]: '/a//b' is no name of a topic"),
+        ("[evidence]\ntopics = ['/" + "a" * 200 + "']", "evidence.topics[0]: '/aaa"),
+        (
+            "[evidence]\ntopics = ['/a', '/b', '/a']",
+            "settings: evidence.topics: '/a' stands there twice, keep one",
         ),
         ("[evidence]\ntopics = ['/" + "-" * 999 + "']", "evidence.topics[0]: '/------------"),
         ("[[topics]]\nsignal = 'latch'\nscale = 0", "topics[0]: scale: 0 loses the signal"),
