@@ -97,7 +97,7 @@ class Bag:
             elif self.path.is_dir():
                 files, self.problem = bag_files(self.path)
             refuse_sqlite(self.path, files)
-            self._open(files)
+            self._open(files, apart=evidence)
         except ForeignError as error:
             raise not_a_bag(self.path, error) from None
         except OSError as error:
@@ -106,12 +106,16 @@ class Bag:
                 "check the path and its permissions"
             ) from None
 
-    def _open(self, files: Iterable[Path]) -> None:
+    def _open(self, files: Iterable[Path], *, apart: bool) -> None:
+        """Open files up to the first bad one, or of bags that are `apart` all that can be read."""
         for path in files:
             try:
                 with open_recording(path) as file:
                     outline = read_outline(file)
             except (ForeignError, OSError) as error:
+                if apart:
+                    self._note_problem(path, f"{error}; it is left out")
+                    continue
                 if not self._outlines:
                     raise
                 self._note_problem(path, f"{error}{_ENDS}")

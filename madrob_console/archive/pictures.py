@@ -115,6 +115,8 @@ def _pictures(folder: Path, moments: Sequence[Moment]) -> list[Picture]:
     except RecorderError as error:
         raise MadrobError(str(error)) from None
     cameras = sorted(topic.name for topic in bag.topics() if topic.type in (_PACKED, _RAW))
+    if not cameras and bag.problem is not None:
+        raise MadrobError(bag.problem)
     pictures: list[Picture] = []
     for number, moment in enumerate(moments, start=1):
         if len(pictures) < MOST_PICTURES:

@@ -120,6 +120,23 @@ def test_run_without_cameras_has_no_pictures(run: Path) -> None:
     assert not (run / "frames").exists()
 
 
+def test_bag_that_cannot_be_read_takes_no_other_ones_pictures(filmed: Path) -> None:
+    """A power cut leaves an empty one, and the recorder begins another."""
+    whole = pictures_of(filmed, scored())
+    (bag,) = filmed.glob("*_evidence")
+    bag.rename(f"{bag}_2")
+    bag.mkdir()
+    (bag / "bag_0.mcap").touch()
+    assert pictures_of(filmed, scored()) == whole
+
+
+def test_where_no_evidence_can_be_read_the_frames_say_so(run: Path) -> None:
+    (run / "run_evidence").mkdir()
+    (run / "run_evidence" / "bag_0.mcap").touch()
+    (problem,) = write_frames(run, "1", run / "frames")
+    assert problem.endswith("bag_0.mcap: it is empty; it is left out")
+
+
 def test_frames_have_names_that_a_zip_takes(run: Path) -> None:
     film(run, f"{FRONT}/left", f"{FRONT}/right")
     assert write_frames(run, "-0.25", run / "frames") == []
