@@ -37,6 +37,7 @@ from scoring.kinematics import (
     derivatives,
     mean_interval,
     or_nan,
+    too_fast,
 )
 from scoring.procedure import Evidence, follow_procedure
 from scoring.protocol import (
@@ -169,7 +170,9 @@ def rows_2020(joint: JointState, force_time: Array, force: Array, thresholds: Th
     defined = np.isfinite(joint.acceleration)
     interval = mean_interval(joint.time[defined])
     problem = joint.reason
-    if interval is not None and interval < 1 / 4:
+    if problem is None and interval is not None:
+        problem = too_fast(interval) if interval < 1 / 4 else None
+    if problem is None and interval is not None and interval < 1 / 4:
         b, a = butterworth(interval)
         with np.errstate(over="ignore", invalid="ignore"):
             low_passed[defined] = signal.lfilter(b, a, joint.acceleration[defined])

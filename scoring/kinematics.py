@@ -26,6 +26,7 @@ LOW_PASS_FREQUENCY = 2.0
 
 _ORDER = 2
 _LOW_PASS_ORDER = 5
+_GAIN_ERROR = 1e-3  # of the low-pass filter at rest
 _PADDING = 3 * (_LOW_PASS_ORDER + 1)  # filtfilt's default
 
 
@@ -118,6 +119,8 @@ def low_pass(joint: JointState, thresholds: Thresholds) -> tuple[Array, str | No
         return filtered, joint.reason
     if 2 * LOW_PASS_FREQUENCY * interval >= 1:
         return filtered, _too_slow(interval)
+    if (problem := too_fast(interval)) is not None:
+        return filtered, problem
     from scipy import signal
 
     b, a = butterworth(interval)
@@ -147,6 +150,14 @@ def butterworth(interval: float) -> tuple[Array, Array]:
         fs=1 / interval,
     )
     return b, a
+
+
+def too_fast(interval: float) -> str | None:
+    """Why the low-pass filter cannot be computed: its coefficients drown in their digits."""
+    b, a = butterworth(interval)
+    if abs(b.sum() / a.sum() - 1) < _GAIN_ERROR:
+        return None
+    return f"door angle at {1 / interval:.0f} Hz: too fast for the low-pass filter"
 
 
 def jerk(joint: JointState, thresholds: Thresholds) -> tuple[Array, Array]:

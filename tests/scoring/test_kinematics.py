@@ -121,6 +121,7 @@ NO_STRETCH = "no stretch of acceleration without gaps is long enough for the low
     [
         (10, 201, "door angle at 10 Hz: too slow for the filters", None),
         (1, 21, "door angle at 1 Hz: too slow for the filters", None),
+        (8000, 8001, None, "door angle at 8000 Hz: too fast for the low-pass filter"),
         (50, 34, None, NO_STRETCH),
         (50, 0, "no door angle recorded", None),
         (50, 5, "too few door angles recorded for the filters", None),
