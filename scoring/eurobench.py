@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -401,15 +402,21 @@ def _read_table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     header = text.lstrip().partition("\n")[0]
     separator = next((mark for mark in ";\t" if mark in header), ",")
     try:
-        table = pd.read_csv(
-            io.StringIO(text),
-            sep=separator,
-            dtype=str,
-            keep_default_na=False,
-            skip_blank_lines=True,
-            skipinitialspace=True,
-            index_col=False,
-        )
+        with warnings.catch_warnings(action="error", category=pd.errors.ParserWarning):
+            table = pd.read_csv(
+                io.StringIO(text),
+                sep=separator,
+                dtype=str,
+                keep_default_na=False,
+                skip_blank_lines=True,
+                skipinitialspace=True,
+                index_col=False,
+            )
+    except pd.errors.ParserWarning:  # pandas would drop the last cells of each row
+        raise ScoringError(
+            f"{path}: the rows have more cells than the header: correct it; with a decimal comma "
+            "write ; between cells"
+        ) from None
     except (ValueError, pd.errors.ParserError) as error:
         raise ScoringError(f"{path}: is no csv ({error}): correct it".replace("\n", " ")) from None
     table.columns = table.columns.str.strip()
@@ -428,7 +435,7 @@ def _numbers(path: Path, column: str, cells: pd.Series[str], separator: str) -> 
     for row, cell in enumerate(cells):
         text = cell.strip() if separator == "," else cell.strip().replace(",", ".")
         try:
-            number = float(text or "nan")
+            number = math.inf if "_" in text else float(text or "nan")
         except ValueError:
             number = math.inf
         if math.isinf(number) or (math.isnan(number) and column in ("time", "position")):

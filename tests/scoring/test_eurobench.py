@@ -130,6 +130,7 @@ SPELLINGS: dict[str, Callable[[str], str]] = {
     "tabs": lambda text: text.replace(",", "\t"),
     "blanks": lambda text: text.replace(",", " ,  "),
     "CRLF": lambda text: text.replace("\n", "\r\n"),
+    "a last separator": lambda text: text.replace("\n", ",\n"),
     "BOM": lambda text: "\ufeff" + text,
     "other columns": lambda text: "".join(f"x,{line},y\n" for line in text.splitlines()),
 }
@@ -157,6 +158,8 @@ def test_other_spellings_read_the_same(folder: Path, spelling: str) -> None:
         ("event", EVENTS + EVENTS[11:], "row 3 below the header, column time: does not come after"),
         ("wrench", "time,force\n1,2\n", "wrench.csv: column force_x is missing: give time,force_x"),
         ("wrench", WRENCH.replace("5.5", "soft"), "row 1 below the header, column force_x: 'soft'"),
+        ("wrench", WRENCH.replace("5.5", "1_5"), "row 1 below the header, column force_x: '1_5'"),
+        ("wrench", WRENCH.replace(".", ","), "with a decimal comma write ; between cells"),
         ("jointState", JOINT.replace("0.01", ""), "column position: '' is no finite number"),
         ("jointState", JOINT.replace("1.04", "1.02"), "row 3 below the header, column time"),
         ("jointState", JOINT.replace("0.5", "inf"), "column velocity: 'inf' is no finite number"),
