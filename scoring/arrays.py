@@ -12,7 +12,15 @@ import numpy as np
 
 from scoring.assessment import Assessment
 from scoring.kinematics import Array
-from scoring.protocol import SENSORS_PER_STRIP, Condition, Outcome, ScoringError, Strip, Thresholds
+from scoring.protocol import (
+    LIMITS,
+    SENSORS_PER_STRIP,
+    Condition,
+    Outcome,
+    ScoringError,
+    Strip,
+    Thresholds,
+)
 from scoring.result import Ending, Result
 from scoring.rows import Rows
 from scoring.rulesets import RulesetName
@@ -98,16 +106,16 @@ def evaluate(  # noqa: PLR0913  a signal is an argument
         ("timeout", timeout, "s"),
         ("handle_zero", handle_zero, "N"),
     ):
-        number: object = value
-        if not isinstance(number, (int, float, np.number)) or not math.isfinite(number):
+        if not _is_finite(value):
             raise ScoringError(f"{name} {value!r}: give a finite number, {unit}")
     if timeout <= 0:
         raise ScoringError(f"timeout {timeout!r}: give more than 0 s")
-    thresholds = thresholds or Thresholds()
+    thresholds = Thresholds() if thresholds is None else thresholds
     for argument, kind in ((condition, Condition), (passage, Mapping), (thresholds, Thresholds)):
         if not isinstance(argument, kind):
             name = kind.__name__.replace("Mapping", "passage").lower()
             raise ScoringError(f"{name}: give a {kind.__name__}, not {type(argument).__name__}")
+    _demand_limits(thresholds)
     streams = [_door(door), _handle(handle)]
     streams += [_strip(name, data) for name, data in passage.items()]
     if latch is not None:
@@ -174,10 +182,10 @@ def _columns(name: str, data: Any, width: int) -> tuple[Array, Array]:  # noqa: 
     """Times of shape (n,) in order, values of shape (n, `width`)."""
     wanted = "a value" if width == 1 else f"{width} ranges"
     try:
-        if hasattr(data, "columns"):
+        if hasattr(data, "columns") and hasattr(data, "iloc"):
             data = data.iloc[:, 0], data.iloc[:, 1:]
         times, values = (_numbers(part) for part in data)
-    except (TypeError, ValueError, IndexError):
+    except (TypeError, ValueError, IndexError, OverflowError):
         raise ScoringError(f"{name}: give times in s, and {wanted} for each, as numbers") from None
     if not times.size:
         raise ScoringError(f"{name}: no samples: give those of the whole run")
@@ -194,7 +202,31 @@ def _columns(name: str, data: Any, width: int) -> tuple[Array, Array]:  # noqa: 
 
 
 def _numbers(part: object) -> Array:
-    numbers = np.asarray(part)
-    if not numbers.ndim or numbers.dtype.kind in "mM":  # no row, or dates, whose unit is not s
+    numbers = np.asanyarray(part)
+    if not numbers.ndim or numbers.dtype.kind in "mMc":  # no row, or dates, whose unit is not s
         raise TypeError
-    return numbers.astype(np.float64)
+    floats = numbers.astype(np.float64)
+    return floats.filled(np.nan) if isinstance(floats, np.ma.MaskedArray) else np.asarray(floats)
+
+
+def _is_finite(value: object) -> bool:
+    try:
+        is_real = isinstance(value, (int, float, np.integer, np.floating))
+        return is_real and math.isfinite(value)  # type: ignore[arg-type]
+    except OverflowError:  # an integer of any length
+        return False
+
+
+def _demand_limits(thresholds: Thresholds) -> None:
+    for each in fields(thresholds):
+        given, usual = getattr(thresholds, each.name), getattr(Thresholds(), each.name)
+        is_row = isinstance(usual, tuple)
+        many = len(usual) if is_row else 1
+        numbers = given if is_row and isinstance(given, tuple) else (given,)
+        low, high, _ = each.metadata.get(LIMITS, (0, math.inf, ""))
+        in_limits = all(_is_finite(number) and low <= number <= high for number in numbers)
+        if len(numbers) != many or not in_limits:
+            wanted = f"{many} numbers" if is_row else "a number"
+            raise ScoringError(
+                f"thresholds: {each.name} {given!r}: give {wanted} from {low:g} to {high:g}"
+            )

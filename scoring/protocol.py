@@ -100,9 +100,9 @@ class Condition:
     @classmethod
     def from_number(cls, number: int) -> Condition:
         """The condition with EUROBENCH's number; `ScoringError` unless it is 1..20."""
-        if not 1 <= number <= 20:
+        if number not in range(1, 21):
             raise ScoringError(f"condition {number} does not exist: use a number from 1 to 20")
-        index = number - 1
+        index = int(number) - 1
         return cls(
             benchmark_type=list(BenchmarkType)[index % 5],
             opening_side=Side.CW if index // 5 % 2 else Side.CCW,

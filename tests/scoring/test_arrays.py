@@ -17,6 +17,7 @@ from scoring.protocol import (
     Side,
     Signal,
     Strip,
+    Thresholds,
 )
 from scoring.result import Result
 from scoring.rulesets import ruleset
@@ -121,6 +122,12 @@ def test_a_result_is_a_table_in_a_notebook_a_dataframe_and_figures() -> None:
     assert len(result.figures()) > 1
 
 
+@pytest.mark.parametrize("number", [0, 21, 1.5, "7", None])
+def test_a_condition_without_its_number_is_refused(number: int) -> None:
+    with pytest.raises(ScoringError, match="does not exist: use a number from 1 to 20"):
+        Condition.from_number(number)
+
+
 def test_a_condition_has_sides_or_a_number() -> None:
     words = Condition("Constant Force", "cw", "ccw")  # type: ignore[arg-type]
     assert words == Condition(BenchmarkType.CONSTANT_FORCE, Side.CW, Side.CCW)
@@ -157,6 +164,17 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "no strips": ({"passage": [(T, RANGES)]}, "passage: give a Mapping, not list"),
     "a series": ({"door": pd.Series(V, T)}, "door: give times in s, and a value for each, as n"),
     "an empty frame": ({"door": pd.DataFrame()}, "door: give times in s, and a value for each"),
+    "complex": ({"door": (T, V * 1j)}, "door: give times in s, and a value for each, as numbers"),
+    "endless digits": ({"door": (T, [10**400, 0])}, "door: give times in s, and a value for each"),
+    "an endless start": ({"start": 10**400}, "start 1000.*: give a finite number, s"),
+    "a limit in words": (
+        {"thresholds": Thresholds(touch_force="3")},  # type: ignore[arg-type]
+        "thresholds: touch_force '3': give a number from 0.01 to 1000",
+    ),
+    "two masks": (
+        {"thresholds": Thresholds(mask_from=(0.1, 0.2))},  # type: ignore[arg-type]
+        r"thresholds: mask_from \(0.1, 0.2\): give 5 numbers from 0 to 3.15",
+    ),
     "no ruleset": ({"ruleset": "mine"}, "ruleset 'mine' is not known"),
 }
 
@@ -169,6 +187,16 @@ def test_what_cannot_be_used_is_one_line_that_names_the_argument_and_the_remedy(
     with pytest.raises(ScoringError, match=words) as refusal:
         evaluate(**{"condition": CONDITION} | given | changed)
     assert "\n" not in str(refusal.value)
+
+
+def test_a_masked_value_is_no_reading() -> None:
+    told, masked = arrays(SAMPLES), arrays(SAMPLES)
+    times, angles = told["door"]
+    hidden = np.arange(times.size) == times.size // 2
+    told["door"] = times, np.where(hidden, np.nan, angles)
+    masked["door"] = times, np.ma.masked_array(np.where(hidden, 1.0, angles), hidden)
+    by_nan, by_mask = (evaluate(CONDITION, START, **one) for one in (told, masked))
+    assert by_mask.indicators == by_nan.indicators
 
 
 @pytest.mark.parametrize("silence", ["begins late", "no reading", "a hole before the touch"])
