@@ -20,6 +20,7 @@ from scoring.kinematics import Array
 from scoring.procedure import Evidence, Procedure
 from scoring.protocol import (
     FARTHEST_ZERO,
+    PASSAGE_SENSORS,
     Condition,
     LockDetection,
     PassageSensor,
@@ -404,7 +405,12 @@ def _freeze(g: Grounds) -> Iterator[Doubt]:
     is_noisy = g.run.at_rest(Signal.DOOR)[1] > _NOISY * g.run.count
     if stopped or (is_noisy and still > _LONG_STILL):
         words = f"door angle does not change any more from {_when(g, door.time[last + 1])} on"
-        yield _OF_SIGNAL[Signal.DOOR], f"{words}: did the sensor freeze?"
+        names = _OF_SIGNAL[Signal.DOOR]
+        angle, left = float(door.value[-1]), g.kinds.get(EdgeKind.DEPARTURE)
+        is_masked = any(g.thresholds.masked(s.side, s.index, angle) for s in PASSAGE_SENSORS)
+        if is_masked and (left is None or left.time > door.time[last + 1]):
+            names = (*names, Name.DOOR_OCCUPATION_TIME)  # the sensors stay masked
+        yield names, f"{words}: did the sensor freeze?"
 
 
 # --- zeros, scale, range

@@ -113,6 +113,11 @@ FAULTS: dict[str, tuple[Fault, set[Name], str]] = {
         {SMOOTHNESS, UNSAFETY, PASSAGE, LEVEL},
         "did the sensor freeze?",
     ),
+    "door freezes for good and masks who passes": (
+        frozen(DoorSample, 3.4, 99.0),
+        {SMOOTHNESS, UNSAFETY, PASSAGE, OCCUPATION, LEVEL},
+        "did the sensor freeze?",
+    ),
     "20 % of door samples lost": (some_lost(0.2), {SMOOTHNESS}, "samples of the door angle are"),
     "door lost over its closing": (
         lost(11.0, 11.3),
