@@ -503,6 +503,8 @@ class FileReader:
         """Return what the footer, the end mark or the statistics find missing."""
         if self._file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             return f"there is no end mark behind the footer{_ENDS}"
+        if self._file.tell() < self._size:
+            return f"its end mark is at byte {self._file.tell()} of {self._size}{_ENDS}"
         if _is_summary_sound(self._file, place) is False:
             return f"the checksum of its summary is wrong{_ENDS}"
         if self._stated not in (None, self._count) and not self._has_gaps:

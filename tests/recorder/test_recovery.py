@@ -190,6 +190,15 @@ def test_a_damaged_chunk_is_left_out_and_the_rest_is_kept(
     assert recovered.cut[0] in (Bag(folder).problem or "")
 
 
+@pytest.mark.parametrize("more", [bytes(600), b"garbage"])
+def test_what_stands_behind_the_end_is_cut_off(whole: bytes, folder: Path, more: bytes) -> None:
+    """Others look for the summary at the end of the file."""
+    recording = place(folder, whole + more)
+    recovered = recover(folder)
+    assert recovered.cut[0].startswith(f"its end mark is at byte {len(whole)} of ")
+    assert raw_by_mcap(recording) == MESSAGES
+
+
 def test_a_large_file_takes_little_memory(folder: Path) -> None:
     topic = Topic("/blob", "test_msgs/msg/Blob", "uint8[] data\n")
     with BagWriter(folder, [topic], {}) as writer:
