@@ -77,6 +77,14 @@ class Assessment:
         return self._top_force or None
 
     @property
+    def is_in_order(self) -> bool:
+        """Whether events were found in the order of stamps, as from a recording.
+
+        Where a sample came too late for that, the recording has to be read.
+        """
+        return self._buffer.is_in_order
+
+    @property
     def changes(self) -> int:
         """See `EventDetector.changes`; steps also change when a settle time ends."""
         return self._detector.changes

@@ -72,11 +72,17 @@ class StampGuard:
 
 
 class ReorderBuffer:
-    """Gives samples back by stamp, 0.25 s after their reception; of equal stamps the door first."""
+    """Gives samples back by stamp, 0.25 s after their reception; of equal stamps the door first.
+
+    Attributes:
+        is_in_order: whether no sample came so late that one with a later stamp was given back.
+    """
 
     def __init__(self) -> None:
         self._waiting: list[tuple[float, bool, int, Sample]] = []
         self._count = 0
+        self._newest = (-math.inf, False)
+        self.is_in_order = True
 
     def add(self, sample: Sample) -> None:
         self._count += 1
@@ -87,4 +93,8 @@ class ReorderBuffer:
         """Samples that have waited long enough at log time `now`, s; inf = all."""
         waiting = self._waiting
         while waiting and waiting[0][3].log_time + REORDERED <= now:
-            yield heappop(waiting)[3]
+            time, follows_door, _, sample = heappop(waiting)
+            if (time, follows_door) < self._newest:
+                self.is_in_order = False
+            self._newest = (time, follows_door)
+            yield sample

@@ -326,7 +326,9 @@ class CurrentRun:
         assert state.record is not None
         assert state.folder is not None
         tracker, stored = self._observation.tracker, state.opened is not None
-        samples = None if tracker is None else tracker.assessment
+        samples = None
+        if tracker is not None and tracker.assessment.is_in_order:
+            samples = tracker.assessment  # else the recording is read
         wanted = ScoringRequest(
             state.record, self.run, state.folder, samples, state.missing, stored, write
         )
