@@ -16,7 +16,7 @@ import pytest
 from madrob_console.archive import score
 from madrob_console.archive.scored import OpenedRun, Scored
 from madrob_console.common.clock import NS, SystemClock
-from madrob_console.engine.core.run_tracker import RunTracker
+from madrob_console.engine.core.run_tracker import IN_FLIGHT, RunTracker
 from madrob_console.engine.core.scored_run import EarlierRun, RenderedResult
 from madrob_console.engine.ipc.client import RemoteEngine
 from madrob_console.engine.requests import Role
@@ -40,7 +40,7 @@ from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import Bag
 from recorder.writer import BagWriter
 from scoring.assessment import Assessment
-from scoring.protocol import Condition, Signal, Step
+from scoring.protocol import POST_ROLL, Condition, Signal, Step
 from scoring.result import Result
 from tests.madrob_console.engine.drive import Drive, make_setup, signed
 from tests.madrob_console.engine.machine_time import Machine
@@ -140,7 +140,9 @@ def test_a_timeout_is_steady_time(machine: Machine, tmp_path: Path) -> None:
     run = drive.engine.run
     assert run.start is not None
     assert (run.outcome, run.stop) == ("timeout", run.start + 8.0)
-    assert (machine.monotonic_ns() - began) / NS == pytest.approx(5.0 + 1.1, abs=0.1)
+    assert (machine.monotonic_ns() - began) / NS == pytest.approx(
+        5.0 + IN_FLIGHT + POST_ROLL, abs=0.1
+    )
 
 
 @pytest.mark.slow
