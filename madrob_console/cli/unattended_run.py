@@ -102,6 +102,7 @@ class UnattendedRun:
     def _prepare(self, setup: SetupMaker, wait: float, waive: str | None) -> None:
         engine = self._engine
         simulated = self._set_up(setup)
+        until = engine.now() + wait
         self._wait_for_checks(wait)
         if engine.source.announcement.simulated is not None and not simulated:
             self._set_up(setup)  # it is heard only now
@@ -110,14 +111,14 @@ class UnattendedRun:
         for check in engine.situation().checks:
             if check.state is CheckState.WARNING:
                 print(terminal_safe(f"note: {check.name}: {check.reason}"), flush=True)
-        self._do(ZeroHandle())
+        self._do_when_possible(ZeroHandle(), until)
         self._do(ConfirmPose())
         if waive is not None:
             for check in blocking(engine.situation().checks):
                 self._do(Waive(check.name, waive))
         for check in causes(engine.situation().checks):  # a program has no screen to look at
             print(terminal_safe(f"note: {check.name}: {check.reason}"), flush=True)
-        self._do(Start())
+        self._do_when_possible(Start(), until)
 
     def _set_up(self, setup: SetupMaker) -> bool:
         """Set the run up and print the testbed; returns whether it is known to be simulated."""
@@ -132,8 +133,7 @@ class UnattendedRun:
         begin = looked = self._engine.now()
         while (now := self._engine.now()) < begin + wait:
             self._step()
-            if self._signal is not None:
-                raise StoppedError("stopped before the start; nothing was recorded", self._signal)
+            self._heed_stop()
             if now < begin:
                 begin = looked = now  # the clock was set back: to that of a simulation, say
             if now < max(begin + _REST, looked + _LOOK_PERIOD):
@@ -141,6 +141,18 @@ class UnattendedRun:
             looked = now
             if all(c.name in by_hand for c in blocking(self._engine.situation().checks)):
                 return
+
+    def _do_when_possible(self, act: Act, until: float) -> None:
+        """Do an act that a sensor may forbid for a moment: a referee would press again."""
+        engine = self._engine
+        while act.refusal(engine.situation()) is not None and engine.now() < until:
+            self._step()
+            self._heed_stop()
+        self._do(act)
+
+    def _heed_stop(self) -> None:
+        if self._signal is not None:
+            raise StoppedError("stopped before the start; nothing was recorded", self._signal)
 
     def _do(self, act: Act) -> None:
         refused = self._engine.perform(act)
