@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -40,6 +42,17 @@ def wait_gone(pid: int) -> None:
         return stat.rpartition(")")[2].split()[0] == "Z"
 
     until(gone)
+
+
+def stop_process(pid: int) -> None:
+    """Stop a process by a signal, until it stands still: its threads may take their time."""
+    os.kill(pid, signal.SIGSTOP)
+    tasks = Path(f"/proc/{pid}/task")
+    until(
+        lambda: all(
+            stat.read_text().rpartition(")")[2].split()[0] == "T" for stat in tasks.glob("*/stat")
+        )
+    )
 
 
 class Closing:

@@ -33,7 +33,7 @@ from tests.madrob_console.engine_process import MADROB, ROOT, EngineProcess, sta
 from tests.madrob_console.recorded_runs import final
 from tests.madrob_console.small_disk import disk_image
 from tests.terminal import Terminal
-from tests.watching import until
+from tests.watching import stop_process, until
 
 pytestmark = pytest.mark.timeout(240)  # some start three engines, on whatever machine
 
@@ -293,7 +293,7 @@ def test_an_engine_of_another_version_is_ended_by_the_line_that_the_console_says
 
 def test_an_engine_that_was_stopped_by_a_signal_is_there_but_silent(bench: Bench) -> None:
     process = bench.served()
-    process.send_signal(signal.SIGSTOP)
+    stop_process(process.pid)
     silent, line = "there, but silent", f"madrob engine stop --pid {process.pid}"
     assert bench.status(process).endswith(f", {silent}, runs in {bench.results}")
     assert '"phase": null' in bench.engine("status", "--json")[1]

@@ -24,7 +24,7 @@ from scoring.protocol import Outcome
 from tests.madrob_console.crowd import crowd
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.engine_process import NO_REPORTS, EngineProcess
-from tests.watching import Stutter, until
+from tests.watching import Stutter, stop_process, until
 
 AT_ONCE = 0.2  # s, within which an abort or a declared timeout takes effect
 SPECTATORS, FLOOD, FOLDERS = 14, 20_000, 3_000
@@ -47,7 +47,7 @@ def took(engine: EngineProcess, act: Act) -> float:
 @contextmanager
 def held(engine: EngineProcess) -> Iterator[None]:
     """Its process stands still while inside."""
-    engine.process.send_signal(signal.SIGSTOP)
+    stop_process(engine.process.pid)
     try:
         yield
     finally:
