@@ -36,6 +36,7 @@ STEP = 0.02
 SetupMaker: TypeAlias = Callable[[bool], RunSetup]
 """Makes the set-up of a run, which is simulated or not."""
 
+_LISTS = (CheckName.TEAM, CheckName.PLAN)
 _LOOK_PERIOD = 0.5
 _REST = 1.5
 
@@ -128,8 +129,7 @@ class UnattendedRun:
         return simulated
 
     def _wait_for_checks(self, wait: float) -> None:
-        lists = (CheckName.TEAM, CheckName.PLAN)
-        by_hand = (*lists, CheckName.POSE, CheckName.HANDLE, CheckName.HANDLE_ZERO)
+        by_hand = (*_LISTS, CheckName.POSE, CheckName.HANDLE, CheckName.HANDLE_ZERO)
         begin = looked = self._engine.now()
         while (now := self._engine.now()) < begin + wait:
             self._step()
@@ -146,6 +146,8 @@ class UnattendedRun:
         """Do an act that a sensor may forbid for a moment: a referee would press again."""
         engine = self._engine
         while act.refusal(engine.situation()) is not None and engine.now() < until:
+            if all(check.name in _LISTS for check in blocking(engine.situation().checks)):
+                break  # no waiting changes a list
             self._step()
             self._heed_stop()
         self._do(act)
