@@ -7,7 +7,7 @@ Feeding it the samples of a bag in the order in which the bag stores them gives 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from scoring import indicators as pi
@@ -16,13 +16,13 @@ from scoring.events import EventDetector
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Procedure, Ruling, follow_procedure
 from scoring.protocol import Condition, Event, EventName, LockDetection, Outcome, Signal, Thresholds
-from scoring.quality import AGAINST_OPENING, Quality
+from scoring.quality import Quality
 from scoring.rest import RestForce, rest_force
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows, process_rows
 from scoring.rulesets import RulesetName
 from scoring.samples import HandleSample, Sample
-from scoring.series import Series, SignalLog, Signals, WholeSeries, passage_series, signal_quality
+from scoring.series import SignalLog, Signals, WholeSeries, passage_series, signal_quality
 from scoring.stamps import ReorderBuffer, StampGuard
 from scoring.uncertainty import Recorded, uncertainties
 
@@ -43,6 +43,7 @@ class Assessment:
 
     Attributes:
         newest: time of the newest sample, s since the epoch; None before the first.
+        lost: what did not get into the recording, in words of the engine that made it.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class Assessment:
         self.condition = condition
         self.start = start
         self.newest: float | None = None
+        self.lost: tuple[str, ...] = ()
         self._ruleset = ruleset
         self._thresholds = thresholds or Thresholds()
         self._lock_detection = lock_detection
@@ -149,8 +151,8 @@ class Assessment:
         doubts = edge_doubts(edges, self._logs, self._zero, self._thresholds)
         return {str(name): sentences for name, sentences in by_indicator(doubts).items()}
 
-    def quality(self, more: Iterable[str] = ()) -> Quality:
-        return self._quality(self._signals(), more)
+    def quality(self) -> Quality:
+        return self._quality(self._signals(), ())
 
     def result(
         self,
@@ -330,16 +332,14 @@ class Assessment:
             if series.time.size or not signal.optional
         ]
         remarks = [
-            words for one in qualities for words in one.remarks(self._thresholds.largest_skew)
+            text if count == 1 else f"{text} ({count} times)"
+            for text, count in self._problems.items()
         ]
-        remarks += self._turned_against(signals[Signal.DOOR])
-        for text, count in self._problems.items():
-            remarks.append(text if count == 1 else f"{text} ({count} times)")
-        return Quality(tuple(qualities), (*remarks, *more))
-
-    def _turned_against(self, door: Series) -> Iterator[str]:
-        angles = door.within(self._thresholds.largest_angle).value
+        angles = signals[Signal.DOOR].within(self._thresholds.largest_angle).value
         against = float((-self.condition.opening_side.sign * angles).max(initial=0.0))
-        if against > self._thresholds.closed_angle:
-            side = self.condition.opening_side.opposite.upper()
-            yield f"panel turned {against:.3f} rad to the {side} side, {AGAINST_OPENING}"
+        return Quality(
+            tuple(qualities),
+            remarks=(*remarks, *more),
+            lost=self.lost,
+            against_opening=against if against > self._thresholds.closed_angle else 0.0,
+        )

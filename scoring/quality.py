@@ -12,9 +12,6 @@ from scoring.samples import PassageSample
 _UNEVEN = 1 / 3
 """A larger jitter, as a part of the mean interval, gets a remark: a flood, several publishers."""
 
-AGAINST_OPENING = "against the opening side: check the testbed"
-"""Ends a remark that another opening side would not make."""
-
 
 @dataclass(frozen=True, slots=True)
 class SignalQuality:
@@ -32,6 +29,7 @@ class SignalQuality:
         no_reading: readings that were NaN, missing, out of range or impossible.
         skew: largest difference between stamp and log time, outside of the clock's steps, s; null
             without samples.
+        skewed: whether the `skew` is as large as the setting `largest_skew`.
         clock_steps: how often the publisher's clock was stepped.
         begins_late, ends_early: how long nothing of it could be used at that end of the
             recording, s; 0 = no longer than an interval may be.
@@ -53,6 +51,7 @@ class SignalQuality:
     begins_late: float = 0.0
     ends_early: float = 0.0
     impossible: int = 0
+    skewed: bool = False
 
     def cells(self) -> tuple[str, ...]:
         """Samples, rate, gap, gaps, jitter, skew, dropped, shifted, no reading; intervals in ms."""
@@ -65,12 +64,8 @@ class SignalQuality:
         rate = text(self.rate, 1)
         return (str(self.samples), rate, *gaps, text(self.jitter), text(self.skew), *counts)
 
-    def remarks(self, largest_skew: float) -> Iterator[str]:
-        """What to know of the signal; `largest_skew` between stamp and reception is in s."""
-        for words in self._remarks(largest_skew):
-            yield f"{self.signal.value}: {words}"
-
-    def _remarks(self, largest_skew: float) -> Iterator[str]:
+    def remarks(self) -> Iterator[str]:
+        """What to know of the signal."""
         if not self.samples:
             yield "nothing recorded"
         if self.dropped:
@@ -82,7 +77,7 @@ class SignalQuality:
         if self.no_reading:
             impossible = f", {self.impossible} of them impossible" if self.impossible else ""
             yield f"{self.no_reading} values without a reading{impossible}"
-        if self.skew is not None and self.skew >= largest_skew:
+        if self.skewed:
             yield f"stamps differ from reception by up to {self.skew:.3f} s"
 
     def _interruptions(self) -> Iterator[str]:
@@ -105,11 +100,16 @@ class Quality:
 
     Attributes:
         signals: in numbers.
-        remarks: what to know of them, in words; waived checks and faults among them.
+        remarks: what the recording says beyond them, in words.
+        lost: what did not get into the recording, in words of the engine that made it.
+        against_opening: how far the panel turned to the side that is not the opening side, rad;
+            0 = no farther than closed.
     """
 
     signals: tuple[SignalQuality, ...] = ()
     remarks: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
+    against_opening: float = 0.0
 
 
 def all_in_range(sample: PassageSample) -> bool:

@@ -125,6 +125,7 @@ def signal_quality(
     late, early = 0.0, 0.0
     if series.log.size:
         late, early = float(series.log[0] - begin), float(end - series.log[-1])
+    skew = float(np.abs(series.time - series.log).max()) if series.time.size else None
     no_reading, impossible = _missing_readings(signal, series, thresholds)
     return SignalQuality(
         signal=signal,
@@ -136,7 +137,8 @@ def signal_quality(
         dropped=guard.dropped,
         shifted=guard.shifted,
         no_reading=no_reading,
-        skew=float(np.abs(series.time - series.log).max()) if series.time.size else None,
+        skew=skew,
+        skewed=skew is not None and skew >= thresholds.largest_skew,
         clock_steps=len(guard.steps),
         begins_late=late if late > thresholds.largest_gap else 0.0,
         ends_early=early if early > thresholds.largest_gap else 0.0,

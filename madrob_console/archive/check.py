@@ -223,6 +223,7 @@ def _compare(
 ) -> Iterator[Difference]:
     files, stored_files = recomputed.pop("files"), stored.pop("files", None)
     remarks = recomputed["quality"].pop("remarks")
+    del recomputed["quality"]["lost"]  # only the engine knew
     if _has_recording(stored_files, files, folder):
         # The bag was torn or unfinished before the result was written.
         remarks = [remark for remark in remarks if not remark.startswith(str(folder))]

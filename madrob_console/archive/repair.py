@@ -114,7 +114,7 @@ def _lacks_files(folder: Path, stored: ResultDocument) -> bool:
 def _refuse_incomplete(folder: Path, recorded: RecordedRun) -> None:
     """Refuse to make a result from less than the lost one was made of."""
     run, record = recorded.run, recorded.recorded_as
-    problems = [recorded.bag.problem, *recorded.remarks]
+    problems = [recorded.bag.problem, *recorded.remarks, run.record_lost]
     if not (folder / JOURNAL_FILE).exists():
         problems.append(f"{JOURNAL_FILE} is missing")
     if run.unrecorded:

@@ -29,6 +29,7 @@ from madrob_console.referee.records import (
     Note,
     Reissuing,
     TakenBack,
+    TestbedFault,
     Voiding,
     Waiver,
 )
@@ -89,6 +90,7 @@ class ResultDocument(Result, Heading):
         waivers, false_starts, incidents, rulings, notes: what happened and what the referee said,
             each in the order in which it came.
         closure: how the result was finalised; null = it is not final.
+        faults: of the testbed while it was recorded.
         voided: the referee says that the run counts nowhere; null = it counts as `outcome` says.
         corrections: of the set-up, which is as it is after them; the folder and the files in it are
             named after the first one's `before`.
@@ -121,6 +123,7 @@ class ResultDocument(Result, Heading):
     closure: Closure | None
     remark: str
     flags: tuple[Flag, ...]
+    faults: tuple[TestbedFault, ...] = ()
     voided: Voiding | None = None
     corrections: tuple[Correction, ...] = ()
     accepted_doubts: tuple[AcceptedDoubts, ...] = ()

@@ -58,6 +58,7 @@ def document_of(
         rulings=run.rulings,
         notes=run.notes if run.closure is None else run.notes[: run.signed_notes],
         closure=run.closure,
+        faults=run.faults,
         voided=run.voided,
         corrections=run.corrections,
         accepted_doubts=run.accepted_doubts,

@@ -17,7 +17,6 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, is_rehearsal
 from madrob_console.common.stored_json import decode
 from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
-from madrob_console.referee.flags import RECORD_LOST
 from madrob_console.referee.journal import Entry
 from madrob_console.referee.rebuild import after
 from madrob_console.referee.run import Run
@@ -110,8 +109,11 @@ class RunRecord:
         )
 
 
+_LOST = f"its record {RECORD_NAME} was lost (converted?)"
+
+
 def record_from(entries: Sequence[Entry]) -> tuple[RunRecord, str]:
-    """The record of a run whose bag has lost it, by its journal; and the remark that says so.
+    """The record of a run whose bag has lost it, by its journal; and the words that say so.
 
     Raises MadrobError where no set-up is there.
     """
@@ -119,7 +121,7 @@ def record_from(entries: Sequence[Entry]) -> tuple[RunRecord, str]:
         raise MadrobError("a bag without a MADROB run: score and replay need one")
     run = reduce(after, entries, Run())
     if run.setup is None:
-        raise MadrobError(f"{RECORD_LOST}: score the original bag, or put its {JOURNAL_FILE} here")
+        raise MadrobError(f"{_LOST}: score the original bag, or put its {JOURNAL_FILE} here")
     record = RunRecord(
         run.setup,
         run.handle_zero,
@@ -131,4 +133,4 @@ def record_from(entries: Sequence[Entry]) -> tuple[RunRecord, str]:
         zero_samples=run.zero_samples,
     )
     zero = "" if run.zero_samples else ", no handle zero"
-    return record, f"{RECORD_LOST}: set-up from its journal, default topics and thresholds{zero}"
+    return record, f"{_LOST}: set-up from its journal, default topics and thresholds{zero}"

@@ -33,7 +33,7 @@ from madrob_console.messages.types import MessageError, standard_types, types_of
 from madrob_console.referee.flags import Flag, flags, practice_flags
 from madrob_console.referee.journal import LARGEST_JOURNAL, Entry, read_journal
 from madrob_console.referee.rebuild import Change, mark_of, rebuild
-from madrob_console.referee.run import DECISION_REMARKS, Run
+from madrob_console.referee.run import Run
 from recorder import RecorderError
 from recorder.reader import Bag
 from scoring.arrays import Evaluation
@@ -41,7 +41,6 @@ from scoring.assessment import Assessment
 from scoring.eurobench import EurobenchRun, evaluate_published, read_run
 from scoring.kinematics import load_filters
 from scoring.protocol import Outcome, ScoringError, Step
-from scoring.quality import AGAINST_OPENING
 from scoring.result import Result
 from scoring.rows import Rows
 from scoring.rulesets import RulesetName
@@ -95,7 +94,8 @@ class Scored:
         cls, record: RunRecord, run: Run, assessment: Assessment, missing: Iterable[str] = ()
     ) -> Scored:
         """Score a run that is over; `assessment` has all of its samples but what is `missing`."""
-        remarks = (*missing, *run.remarks())
+        assessment.lost = tuple(missing) or assessment.lost
+        remarks = [run.answer] if run.answer else []
         results = assessment.result(run.ending, run.rulings, remarks, run.answered_at)
         return cls(record, run, *results)
 
@@ -219,19 +219,19 @@ def read_recorded_run(path: Path) -> RecordedRun:
     _refuse_unfinished(path)
     bag = Bag(path)
     entries, remarks = _journal_file(path)
+    lost = ""
     if not entries:
         entries = tuple(_journal_in(bag))
     metadata = bag.records.get(RECORD_NAME)
     try:
         if metadata is None:
             record, lost = record_from(entries if bag.topics() else ())
-            remarks = (*remarks, lost)
         else:
             record = RunRecord.from_metadata(metadata)
     except MadrobError as error:
         raise MadrobError(f"{path}: {error}") from None
     rebuilt = rebuild(entries, record.handle_zero, record.zero_samples)
-    run = replace(rebuilt, journal=mark_of(entries))
+    run = replace(rebuilt, journal=mark_of(entries), record_lost=lost)
     if run.setup is not None:
         run = replace(run, setup=replace(run.setup, competition=record.competition))
     if run.start is None:
@@ -293,7 +293,7 @@ def assess_recording(folder: Path, record: RunRecord, run: Run, *, stored: bool)
         recorded = RecordedRun(Bag(folder), record, record, (), run, ())
         (assessment,) = _assess(recorded, (None,))
     if stored:
-        keep_stored_remarks(assessment, run, folder)
+        keep_stored_losses(assessment, folder)
     return assessment
 
 
@@ -364,7 +364,7 @@ def open_run(folder: Path, rules: RulesetName | None = None) -> OpenedRun:
         _refuse_unusable_journal(folder)
         recorded = read_recorded_run(folder)
         (assessment,) = _assess(recorded, (rules,))
-    keep_stored_remarks(assessment, recorded.run, folder)
+    keep_stored_losses(assessment, folder)
     return OpenedRun(folder, recorded, assessment, _out_of_date(folder, recorded.run))
 
 
@@ -378,14 +378,8 @@ def _out_of_date(folder: Path, run: Run) -> bool:
     return any(disagreements(result, run))
 
 
-def keep_stored_remarks(assessment: Assessment, run: Run, folder: Path) -> None:
-    """Keep what a stored result says of the data and the bag cannot tell: what was dropped."""
-    own_remarks = {*assessment.quality().remarks, *run.remarks()}
+def keep_stored_losses(assessment: Assessment, folder: Path) -> None:
+    """Keep what a stored result says of the recording's losses, which the bag cannot tell."""
     stored = read_sound_result(str(folder))
-    for remark in () if stored is None else stored.quality.remarks:
-        if remark not in own_remarks and not _of_the_moment(remark):
-            assessment.report_problem(remark)
-
-
-def _of_the_moment(remark: str) -> bool:
-    return remark.startswith(DECISION_REMARKS) or remark.endswith(AGAINST_OPENING)
+    if stored is not None:
+        assessment.lost = stored.quality.lost

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from madrob_console.archive.result_document import MANUAL_START
 from madrob_console.common.names import terminal_safe
-from madrob_console.referee.flags import Flag, common_reason, merged_remarks
+from madrob_console.referee.flags import Flag, common_reason, data_remarks
 from scoring.result import (
     Indicator,
     Result,
@@ -100,7 +100,7 @@ def _outcome(result: Result) -> str:
 def _notes(result: Result) -> Iterator[str]:
     if result.rest is not None:
         yield f"handle at rest: {result.rest.words}"
-    for note in (MANUAL_START, *merged_remarks(result.quality.remarks)):
+    for note in (MANUAL_START, *data_remarks(result.quality)):
         yield terminal_safe(f"note: {note}")
 
 

@@ -22,7 +22,7 @@ from madrob_console.pages.notes import (
 from madrob_console.pages.phases import phases
 from madrob_console.pages.related_runs import NOWHERE, PagePlace
 from madrob_console.pages.templates import NONE, render
-from madrob_console.referee.flags import FlagKind, common_reason, other_remarks, serious, undecided
+from madrob_console.referee.flags import FlagKind, common_reason, data_remarks, serious, undecided
 from madrob_console.referee.records import Reissuing
 from madrob_console.referee.run_summary import OUTCOME_WORDS, VOID, RunSummary
 from scoring.figure_table import FigureName, FigurePart
@@ -85,7 +85,7 @@ def report_html(
         sources=SOURCES,
         team_words=TEAM_WORDS,
         quality_columns=_QUALITY,
-        quality_remarks=other_remarks(run, result.quality),
+        quality_remarks=data_remarks(result.quality),
         pictures=pictures(shown),
         figures=figures(scored),
         events=_events(result, anchors(shown)),

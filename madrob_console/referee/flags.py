@@ -41,8 +41,8 @@ from madrob_console.referee.records import (
 from madrob_console.referee.run import Run
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import Ruling, StepRecord
-from scoring.protocol import Outcome, Signal
-from scoring.quality import AGAINST_OPENING, Quality, SignalQuality
+from scoring.protocol import Outcome
+from scoring.quality import Quality, SignalQuality
 from scoring.result import Indicator
 
 Doubts: TypeAlias = dict[IndicatorName, tuple[str, ...]]
@@ -85,13 +85,8 @@ NO_INDICATORS: Mapping[IndicatorName, Indicator] = MappingProxyType({})
 
 UNKNOWN_QUALITY = Quality()
 
-_SIGNALS = tuple(f"{signal.value}: " for signal in Signal)
-
 LONGEST_SILENCE = 0.5
 """In a longer one something may have been missed: a topic is stale by then (section 3), s."""
-
-RECORD_LOST = "its record madrob_run was lost (converted?)"
-"""How a remark begins on a bag that another tool wrote again without its metadata."""
 
 FlagWords = Annotated[str, Meta(max_length=500)]
 """Longer than any flag of this version."""
@@ -185,35 +180,10 @@ def flags(
     return tuple(replace(flag, words=_cut(flag.words)) for flag in most_serious_first)
 
 
-_IN_THE_SAMPLES = {
-    FaultKind.SILENT: " gaps, the longest ",
-    FaultKind.STAMPS: " stamps dropped",
-    FaultKind.NO_READING: " values without a reading",
-    FaultKind.SKEW: ": stamps differ from reception ",
-}
-"""Words of a remark on the data whose cause a fault names already."""
-
-
-def other_remarks(run: Run, quality: Quality) -> list[str]:
-    """Remarks on the data that stand in no flag and no mark of the run, a line for each cause."""
-    marks = {*run.remarks()} - {run.answer}
-    causes = [_IN_THE_SAMPLES[f.kind] for f in run.faults if f.kind in _IN_THE_SAMPLES]
-    left = [
-        remark
-        for remark in quality.remarks
-        if remark not in marks
-        and not remark.endswith(AGAINST_OPENING)
-        and not remark.startswith(RECORD_LOST)
-        and not any(cause in remark for cause in causes)
-    ]
-    return merged_remarks(left)
-
-
-def merged_remarks(remarks: Sequence[str]) -> list[str]:
-    """Remarks on the data, those on signals with a line for each cause."""
-    of_signals = (remark.partition(": ") for remark in remarks if remark.startswith(_SIGNALS))
-    others = [remark for remark in remarks if not remark.startswith(_SIGNALS)]
-    return [*merged((name, words) for name, _, words in of_signals), *others]
+def data_remarks(quality: Quality) -> list[str]:
+    """What to know of a run's data, those on signals with a line for each cause."""
+    of_signals = ((q.signal.value, words) for q in quality.signals for words in q.remarks())
+    return [*merged(of_signals), *quality.remarks, *quality.lost]
 
 
 def common_reason(indicators: Mapping[IndicatorName, Indicator]) -> str:
@@ -342,14 +312,16 @@ def _recording(run: Run, quality: Quality | None) -> Iterator[Flag]:
     """
     if run.unrecorded:
         yield Flag(FlagKind.RECORDING, unrecorded_words(run.unrecorded), FlagWeight.CAUTION)
+    if run.record_lost:
+        yield Flag(FlagKind.RECORDING, run.record_lost, FlagWeight.CAUTION)
     if quality is not None:
-        lost = (remark for remark in quality.remarks if remark.startswith(RECORD_LOST))
-        yield from (Flag(FlagKind.RECORDING, remark, FlagWeight.CAUTION) for remark in lost)
         needed = [q for q in quality.signals if not q.signal.optional]
         silent = ((q.signal.value, _silence(q)) for q in needed)
         stepped = ((q.signal.value, "clock stepped, stamps shifted") for q in needed if q.shifted)
         faults = [*merged((name, words) for name, words in silent if words), *merged(stepped)]
-        faults += [r.partition(":")[0] for r in quality.remarks if r.endswith(AGAINST_OPENING)]
+        if quality.against_opening:
+            turned = f"panel turned {quality.against_opening:.3f} rad against the opening side"
+            faults.append(turned)
         yield from (Flag(FlagKind.FAULT, words, FlagWeight.CAUTION) for words in faults)
     if run.faults:
         harmless = all(fault.kind not in _UNTOLD_OTHERWISE for fault in run.faults)

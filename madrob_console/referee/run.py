@@ -31,7 +31,6 @@ from scoring.result import Ending
 VALID_OUTCOMES = (Outcome.COMPLETED, Outcome.TIMEOUT)
 """Such a run is valid, unless it was voided (protocol section 2)."""
 
-DECISION_REMARKS = ("check waived: ", "false start: ")
 """Prefixes of remarks that follow from the referee's decisions."""
 
 
@@ -64,6 +63,8 @@ class Run:
         corrections: of the set-up; `setup` includes them.
         decided: decisions that were not taken back, in order.
         unrecorded: scored messages that the recording lacks.
+        record_lost: that its recording has lost what was set, and what stands for it; empty = it
+            has not.
         evidence: what was recorded beside the testbed's topics; None = nothing was wanted.
         issue: number of the result's latest issue; 0 before the first.
         signed: when the result was signed first since its last change, even if it was reopened.
@@ -99,6 +100,7 @@ class Run:
     decided: tuple[DecisionKind, ...] = ()
     faults: tuple[TestbedFault, ...] = ()
     unrecorded: int = 0
+    record_lost: str = ""
     evidence: Evidence | None = None
     issue: int = 0
     reissues: tuple[Reissuing, ...] = ()
@@ -202,18 +204,6 @@ class Run:
         if self.start is None or self.answered_at is None:
             return ""
         return f"the robot answered to the start {self.answered_at - self.start:.3f} s after it"
-
-    def remarks(self) -> list[str]:
-        waived, false_start = DECISION_REMARKS
-        remarks = [self.answer] if self.answer else []
-        remarks += [f"{waived}{w.check}: {w.reason}" for w in self.waivers]
-        for mark in self.false_starts:
-            decision = f"accepted: {mark.accepted}" if mark.accepted else "not decided"
-            remarks.append(f"{false_start}{mark.event} ({decision})")
-        for fault in self.faults:
-            at = "" if self.start is None else f" at {fault.time - self.start:.1f} s"
-            remarks.append(f"fault{at}: {fault.text}")
-        return remarks
 
 
 LEAST_PREROLL = 1.0

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from madrob_console.archive.appeal import Comparison, compared, stored_result
 from madrob_console.archive.moments import moments_called
-from madrob_console.archive.scored import keep_stored_remarks, read_recorded_run, report_bag
+from madrob_console.archive.scored import keep_stored_losses, read_recorded_run, report_bag
 from madrob_console.common.clock import NS, nanoseconds, seconds
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.recorded_clock import LONGEST, TICK
@@ -126,7 +126,7 @@ class Replay:
 
     def report(self, assessment: Assessment, run: Run) -> None:
         report_bag(assessment, self.recorded)
-        keep_stored_remarks(assessment, run, self.source.path)
+        keep_stored_losses(assessment, self.source.path)
 
     # ------------------------------------------------------------------ how it goes
 

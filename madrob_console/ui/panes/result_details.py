@@ -9,7 +9,7 @@ from madrob_console.common.formatting import date_of
 from madrob_console.engine.snapshot import Snapshot
 from madrob_console.pages.tally import Aggregate, aggregate_of
 from madrob_console.referee.acts.during import RULED
-from madrob_console.referee.flags import common_reason, doubted_words, other_remarks
+from madrob_console.referee.flags import common_reason, data_remarks, doubted_words
 from madrob_console.referee.protests import Protest
 from madrob_console.referee.records import Incident
 from madrob_console.referee.run import Run
@@ -207,7 +207,7 @@ def _protest(protest: Protest, run: Run) -> str:
 
 def recorded_lines(result: Result, run: Run, width: int) -> Iterator[Line]:
     """Remarks on the data, and the evidence recorded beside them."""
-    for text in other_remarks(run, result.quality):
+    for text in data_remarks(result.quality):
         yield from paragraph(text, width, Tone.WARN)
     if (evidence := run.evidence) is None:
         return

@@ -221,16 +221,16 @@ def test_a_run_that_is_set_up_while_another_one_is_opened_leaves_that_one_to_oth
     assert not is_held(folder / "journal.jsonl")
 
 
-def test_remarks_that_only_the_stored_result_knows_are_kept(folder: Path) -> None:
+def test_losses_that_only_the_stored_result_knows_are_kept(folder: Path) -> None:
     lost = "/madrob/door/angle: 3 messages were lost on the way"
     changed = document(folder)
-    changed["quality"]["remarks"].append(lost)
+    changed["quality"]["lost"].append(lost)
     (folder / "result.json").write_bytes(msgspec.json.encode(changed))
     note_again(folder)
     with opened(folder) as drive:
         result = drive.engine.snapshot().result
         assert result is not None
-        assert result.quality.remarks == (lost,)
+        assert result.quality.lost == (lost,)
 
 
 def test_a_folder_without_its_journal_gets_one_again(folder: Path) -> None:

@@ -25,7 +25,7 @@ from madrob_console.referee.acts import (
     Rule,
     Void,
 )
-from madrob_console.referee.flags import other_remarks
+from madrob_console.referee.flags import data_remarks
 from madrob_console.referee.rebuild import Change
 from madrob_console.referee.run import Phase
 from madrob_console.ui.panes.notices import banner
@@ -129,7 +129,7 @@ def test_the_robot_s_words_stand_in_screen_journal_bag_and_result_and_decide_not
     stored, scored = document(hall.folder), hall.scored()
     assert stored["robot_start"] - hall.start_time == pytest.approx(0.031, abs=1e-6)
     assert "the robot answered to the start 0.031 s after it" in stored["quality"]["remarks"]
-    assert other_remarks(scored.run, scored.result.quality) == stored["quality"]["remarks"]
+    assert data_remarks(scored.result.quality) == stored["quality"]["remarks"]
     assert (scored.run.robot_start, scored.run.robot_words) == (stored["robot_start"], words)
     assert hall.recorded(ROBOT_STARTED_TOPIC) == [EMPTY]
     assert hall.recorded(ROBOT_FINISHED_TOPIC) == [gives_up]

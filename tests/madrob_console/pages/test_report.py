@@ -752,7 +752,7 @@ def test_the_report_made_later_is_that_of_the_run_and_of_what_its_result_alone_s
     place = RelatedRuns().place_of(folder, scored)
     assert page.read_text() == report_html(scored, software_version(), place)
     dropped = "recorder: 7 messages dropped"
-    result.write_text(result.read_text().replace('"remarks": []', f'"remarks": ["{dropped}"]'))
+    result.write_text(result.read_text().replace('"lost": []', f'"lost": ["{dropped}"]'))
     note_again(folder)
     madrob("report", folder)
     Page(page.read_text()).tells({"Data quality": (dropped,)})

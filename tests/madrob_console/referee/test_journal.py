@@ -29,8 +29,8 @@ from madrob_console.referee.flags import (
     Flag,
     FlagKind,
     FlagWeight,
+    data_remarks,
     flags,
-    other_remarks,
     worst,
 )
 from madrob_console.referee.journal import Entry, Journal, Origin, read_journal, up_to_date
@@ -501,20 +501,16 @@ def test_what_a_decision_hangs_on_is_a_flag_and_the_heaviest_comes_first(
     assert REMARK.rank < CAUTION.rank < ALARM.rank
 
 
-def test_a_remark_that_a_fault_has_told_is_not_told_again() -> None:
-    off = "stamps differ from reception by up to"
-    others = ["door angle: 2 gaps, the longest 0.300 s", "the journal lacks 1 line"]
-    each = [f"{signal.value}: {off} 0.{at} s" for at, signal in enumerate(NEEDED)]
-    quality = Quality(remarks=(*each, *others))
-    assert other_remarks(RUN, quality) == [f"all 6 topics: {off} 0.5 s", *others]
-    run = replace(RUN, faults=(late(110.0),), false_starts=(TOUCH, ACCEPTED))
-    assert run.remarks() == [
-        "false start: handle_is_touched (not decided)",
-        "false start: handle_is_touched (accepted: nothing gained)",
-        "fault at 10.0 s: all 6 topics: stamps 0.12 s late, for 1.0 s",
+def test_one_cause_on_all_signals_is_one_remark() -> None:
+    late = [
+        replace(a_signal(signal), skew=at / 10, skewed=True) for at, signal in enumerate(NEEDED)
     ]
-    told = replace(quality, remarks=(*quality.remarks, *run.remarks()))
-    assert other_remarks(run, told) == others
+    quality = Quality((*late,), remarks=("the bag is torn",), lost=("/a: 3 messages were lost",))
+    assert data_remarks(quality) == [
+        "all 6 topics: stamps differ from reception by up to 0.500 s",
+        "the bag is torn",
+        "/a: 3 messages were lost",
+    ]
 
 
 @pytest.mark.parametrize(

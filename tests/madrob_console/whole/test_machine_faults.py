@@ -221,7 +221,7 @@ def go_through(fault: Fault, stop: Stop, moment: float, folder: Path) -> None:
         check_scored_again(drive, fault)
         assert drive.engine.next_run_number(3, 1, practice=True).result() == 2
         drive.whole_run(setup_of(stop, 2))
-        assert drive.result.quality.remarks == ()
+        assert drive.result.quality.lost == ()
         assert drive.faults == ""
         assert Bag(drive.folder).complete
 
@@ -229,7 +229,7 @@ def go_through(fault: Fault, stop: Stop, moment: float, folder: Path) -> None:
 def check_live(drive: Recorded, stop: Stop) -> None:
     """Events, steps and outcome are those of a run on a good disk."""
     result, good = drive.result, undisturbed(stop)
-    assert any("recording to the bag failed: " in r for r in result.quality.remarks)
+    assert any("recording to the bag failed: " in r for r in result.quality.lost)
     if stop in (Stop.COMPLETED, Stop.ELAPSED):
         assert replace(result, quality=Quality()) == replace(good, quality=Quality())
         return
@@ -248,7 +248,7 @@ def check_on_disk(drive: Recorded) -> None:
     assert drive.engine.refused == ""
     document = msgspec.json.decode((drive.folder / "result.json").read_bytes())
     assert document["outcome"] == result.outcome
-    assert document["quality"]["remarks"] == list(result.quality.remarks)
+    assert document["quality"]["lost"] == list(result.quality.lost)
     entries, torn = read_journal(drive.folder / "journal.jsonl")
     what = [entry.what for entry in entries if entry.what != Change.UNRECORDED]
     assert len(entries) - len(what) == (drive.engine.run.unrecorded > 0)
@@ -261,7 +261,7 @@ def check_on_disk(drive: Recorded) -> None:
 
 def check_flag(drive: Recorded, fault: Fault) -> None:
     """A recording that lacks scored messages is a flag, which outlives a spoilt `result.json`."""
-    told = (re.fullmatch(NOT_RECORDED, r) for r in drive.result.quality.remarks)
+    told = (re.fullmatch(NOT_RECORDED, r) for r in drive.result.quality.lost)
     lacking = sum(int(one["count"]) for one in told if one and one["topic"] in SCORED)
     assert fault.bag_is_whole or lacking > 100
     words = f"the recording lacks {lacking} messages: the result cannot be made again from it"
