@@ -260,22 +260,6 @@ def test_a_late_message_scores_as_one_in_time() -> None:
     assert found.result(COMPLETED)[0].events == result().events
 
 
-@pytest.mark.parametrize("before", [0.0, 0.1, 0.2, 0.3])
-def test_a_stop_just_before_the_timeout_is_completed(before: float) -> None:
-    """Live, where samples wait for others, as in a rescoring."""
-    limit = START + 6.0 + before
-    found = Assessment(CONDITION, START)
-    stop = None
-    for sample in STEADY:
-        found.feed(sample)
-        found.release(sample.log_time)
-        completed = found.procedure().completed
-        if completed is not None and completed <= limit:
-            stop = stop or completed
-
-    assert stop == assessment(STEADY).procedure().completed
-
-
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 def test_a_number_of_numpy_is_a_number(kind: Callable[[float], float]) -> None:
     def typed(sample: Sample) -> Sample:

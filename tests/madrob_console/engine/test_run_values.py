@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace as changed
 
 from madrob_console.archive.run_record import RunRecord
 from madrob_console.common.names import SourceKind
@@ -41,6 +45,8 @@ from scoring.protocol import (
 )
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 from tests.madrob_console.referee.test_acts import SETUP
+from tests.scoring.clean_run import clean
+from tests.scoring.runs import START as CLEAN_START
 
 NOW = 1_700_000_000.0
 
@@ -460,6 +466,56 @@ class Course:
 
     def changes(self) -> list[Change]:
         return [change for change, _ in self.told]
+
+
+def arriving(delays: Mapping[Signal, float], lock_at: float | None) -> list[Sample]:
+    """A run without faults in the order of its reception; its latch, if any, speaks twice."""
+    samples: list[Sample] = []
+    for sample in clean():
+        time = sample.time - CLEAN_START + START
+        samples.append(changed(sample, time=time, log_time=time + delays[sample.signal]))
+    if lock_at is not None:
+        for time, engaged in ((NOW, True), (START + 4.0, False), (START + lock_at, True)):
+            samples.append(LatchSample(time, time + delays[Signal.LATCH], engaged))
+    return sorted(samples, key=lambda sample: sample.log_time)
+
+
+def tracked(samples: Sequence[Sample], timeout: float) -> tuple[RunTracker, Run]:
+    """Follow a run each 20 ms to its stop; what comes later is fed then."""
+    run = begin_countdown(Run(Phase.READY, replace(SETUP, timeout=timeout)), NOW)
+    tracker, waiting, now = RunTracker(RECORD, run, silence=2.0), deque(samples), NOW
+    while run.phase in (Phase.COUNTDOWN, Phase.RUNNING):
+        now += 0.02
+        while waiting and waiting[0].log_time <= now:
+            tracker.feed(waiting.popleft())
+        run, _ = tracker.advance(run, now, now)
+    for sample in waiting:
+        tracker.feed(sample)
+    return tracker, run
+
+
+@given(
+    before=st.floats(-0.3, 0.3),
+    delays=st.fixed_dictionaries({signal: st.floats(0.0, 0.09) for signal in Signal}),
+    lock_at=st.one_of(st.none(), st.floats(11.6, 13.0)),
+)
+@settings(max_examples=25, deadline=None)
+def test_a_run_stops_live_as_in_a_rescoring(
+    before: float, delays: dict[Signal, float], lock_at: float | None
+) -> None:
+    samples = arriving(delays, lock_at)
+    again = RECORD.assessment(START)
+    for sample in samples:
+        again.feed(sample)
+    again.release(math.inf)
+    completed = again.procedure().completed
+    assert completed is not None
+    timeout = completed - START + before
+    tracker, run = tracked(samples, timeout)
+    in_time = completed <= START + timeout
+    assert run.outcome is (Outcome.COMPLETED if in_time else Outcome.TIMEOUT)
+    assert run.stop == (completed if in_time else START + timeout)
+    assert tracker.assessment.result(run.ending)[0] == again.result(run.ending)[0]
 
 
 def test_a_run_starts_at_its_time_and_a_timeout_is_judged_when_all_has_arrived() -> None:
