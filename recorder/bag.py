@@ -102,7 +102,7 @@ def qos_text(qos: Qos) -> str:
 
 
 def load_yaml(text: str) -> object:
-    """Plain values only; libyaml, where installed, is ten times as fast. Raises YAML_PROBLEMS."""
+    """Read plain values of YAML. Raises YAML_PROBLEMS."""
     blocks = max(map(len, _INDENTED.findall(text)), default=0)
     if text.count("[") + text.count("{") + 2 * blocks >= _MOST_LEVELS:
         raise yaml.YAMLError("nested without bounds")
@@ -110,7 +110,9 @@ def load_yaml(text: str) -> object:
 
 
 def parse_qos(text: str) -> Qos:
-    """Read `offered_qos_profiles`; of several publishers the least that all offer.
+    """Read `offered_qos_profiles`.
+
+    Of several publishers the least that all offer.
 
     Takes the words of rosbag2 and the numbers of its older versions. What cannot be read counts
     as the default.
@@ -209,12 +211,15 @@ def _qos_profiles(qos: Qos) -> list[dict[str, Any]]:
 
 
 def _infinite() -> dict[str, int]:
-    """DDS for never; a new object each time, or the YAML would hold anchors."""
+    """DDS for never.
+
+    A new object each time, or the YAML would hold anchors.
+    """
     return {"sec": 9_223_372_036, "nsec": 854_775_807}
 
 
 def _dump(value: object) -> str:
-    """By libyaml, five times as fast, unless a name is no valid text."""
+    """Write YAML by libyaml, five times as fast, unless a name is no valid text."""
     quick = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     try:
         return str(yaml.dump(value, Dumper=quick, sort_keys=False, allow_unicode=True))
@@ -223,7 +228,10 @@ def _dump(value: object) -> str:
 
 
 def write_metadata(folder_fd: int, information: BagInformation) -> None:
-    """Replace `metadata.yaml` in an open folder, on disk on return; a crash leaves one of them."""
+    """Replace `metadata.yaml` in an open folder, on disk on return.
+
+    A crash leaves one of them.
+    """
     part = f"{METADATA_FILE}.part"  # no reader looks at it
     with suppress(FileNotFoundError):
         os.unlink(part, dir_fd=folder_fd)

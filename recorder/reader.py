@@ -137,7 +137,9 @@ class Bag:
         return tuple(self._topics.values())
 
     def messages(self) -> Iterator[RawMessage]:
-        """Yield the messages in the order of time (protocol section 3); never raises.
+        """Yield the messages in the order of time (protocol section 3).
+
+        Never raises.
 
         Files come by their first log times. If the first log times of their chunks never go back,
         messages come as they are stored; else all are sorted by log time, in memory. Damaged
@@ -278,7 +280,9 @@ def _is_in_order(outlines: Iterable[Outline]) -> bool:
 
 
 def read_outline(file: BufferedReader) -> Outline:
-    """Return what a file holds beside messages; raises ForeignError if it is no recording.
+    """Return what a file holds beside messages.
+
+    Raises ForeignError if it is no recording.
 
     It comes from the summary; where that is missing or damaged the whole file is read.
     """
@@ -296,12 +300,18 @@ def read_outline(file: BufferedReader) -> Outline:
 
 
 def read_parts(file: BufferedReader) -> Iterator[Part]:
-    """Yield everything in a recording; its end may tell the channels that damage hides."""
+    """Yield everything in a recording.
+
+    Its end may tell the channels that damage hides.
+    """
     return FileReader(file, read_outline(file).channels).parts()
 
 
 def read_summary(file: BufferedReader) -> Outline | None:
-    """Return what the summary of a file says; None where it cannot be trusted or is not there."""
+    """Return what the summary of a file says.
+
+    None where it cannot be trusted or is not there.
+    """
     try:
         place = file.seek(-FOOTER_SIZE - len(MCAP0_MAGIC), SEEK_END)
         if not _is_summary_sound(file, place):
@@ -314,7 +324,10 @@ def read_summary(file: BufferedReader) -> Outline | None:
 
 
 def _is_summary_sound(file: BufferedReader, place: int) -> bool | None:
-    """Return whether the checksum of the footer there is that of the summary; None without one."""
+    """Return whether the checksum of the footer there is that of the summary.
+
+    None without one.
+    """
     file.seek(place + _HEAD.size)
     start, _, checksum = _FOOTER.unpack(file.read(_FOOTER.size))
     if not checksum or not start:
@@ -399,7 +412,10 @@ class FileReader:
         yield part
 
     def part_at(self, place: int) -> Part:
-        """Return what the record at a place of the file holds; OSError if the disk refuses."""
+        """Return what the record at a place of the file holds.
+
+        OSError if the disk refuses.
+        """
         torn = f"it is torn at byte {place} of {self._size}{_ENDS}"
         self._file.seek(place)
         head = self._file.read(_HEAD.size)
@@ -453,7 +469,10 @@ class FileReader:
         return None
 
     def _add_items(self, part: Part, records: bytes) -> None:
-        """Add schemas, channels and messages; raises where a record breaks."""
+        """Add schemas, channels and messages.
+
+        Raises where a record breaks.
+        """
         end = 0
         while end < len(records):
             opcode, length = _HEAD.unpack_from(records, end)
@@ -480,7 +499,10 @@ class FileReader:
         self._schemas.setdefault(schema.id, schema)
 
     def add_channel(self, channel: Channel) -> Topic:
-        """Return the channel's topic; ForeignError if it is not of ROS 2, KeyError without type."""
+        """Return the channel's topic.
+
+        ForeignError if it is not of ROS 2, KeyError without type.
+        """
         if channel.id in self.topics:
             return self.topics[channel.id]
         if channel.message_encoding != MessageEncoding.CDR:
@@ -572,7 +594,10 @@ def _decompress(compression: str, data: bytes, size: int) -> bytes:
 
 
 def open_recording(path: Path) -> BufferedReader:
-    """Open a file to read; raises ForeignError for a pipe or a folder."""
+    """Open a file to read.
+
+    Raises ForeignError for a pipe or a folder.
+    """
     number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe must not block
     if stat.S_ISREG(os.fstat(number).st_mode):
         return os.fdopen(number, "rb")
@@ -628,7 +653,10 @@ def bag_information(folder: Path) -> dict[str, Any]:
 
 
 def listed_names(information: dict[str, Any]) -> list[str]:
-    """Return the files that `metadata.yaml` lists; raises YAML_PROBLEMS if there are none."""
+    """Return the files that `metadata.yaml` lists.
+
+    Raises YAML_PROBLEMS if there are none.
+    """
     # Early versions put the folder's name before the file's.
     names = [PurePath(name).name for name in information["relative_file_paths"]]
     if not names or not all(name.isprintable() for name in names) or len(set(names)) < len(names):

@@ -69,7 +69,9 @@ class Recovered:
 
 
 def recover(path: Path) -> Recovered:
-    """Repair a bag folder or an `.mcap` file; a whole one stays as it is.
+    """Repair a bag folder or an `.mcap` file.
+
+    A whole one stays as it is.
 
     What the reader reads is kept, with its bytes, order and both times, and types, channels, QoS
     and metadata records. Raises RecorderError; nothing is then lost.
@@ -145,7 +147,10 @@ def _lock(file: BufferedReader, name: str) -> None:
 
 
 def _read(file: BufferedReader, path: Path) -> Outline:
-    """Read a file to its end, whole or torn; RecorderError if no bag can hold what is in it."""
+    """Read a file to its end, whole or torn.
+
+    RecorderError if no bag can hold what is in it.
+    """
     outline = Outline()
     has_gaps = False
     for part in read_parts(file):
@@ -165,7 +170,10 @@ def _read(file: BufferedReader, path: Path) -> Outline:
 
 
 def _replace(file: BufferedReader, path: Path, outline: Outline) -> Path:
-    """Put what can be read in the place of a file; returns where that is kept."""
+    """Put what can be read in the place of a file.
+
+    Returns where that is kept.
+    """
     part = path.with_name(path.name + _PART)
     part.unlink(missing_ok=True)
     new = BagFile(part, Batch(), listed_as=path.name)  # it is locked up to the end
@@ -202,7 +210,7 @@ def _keep(path: Path) -> Path:
 
 
 def _is_listed(folder: Path, information: BagInformation) -> bool:
-    """Whether `metadata.yaml` tells what is there."""
+    """Return whether `metadata.yaml` tells what is there."""
     try:
         listed = bag_information(folder)
         counts = {

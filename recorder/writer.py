@@ -155,7 +155,9 @@ class BagWriter:
             raise RecorderError(f"{self.folder}: messages are not in the bag: {missing}")
 
     def put_message(self, message: RawMessage) -> bool:
-        """Queue a message; False = it is lost, and counted. Never raises, never waits.
+        """Queue a message.
+
+        False = it is lost, and counted. Never raises, never waits.
 
         With `block_when_full` it waits for room.
         """
@@ -179,7 +181,9 @@ class BagWriter:
         return accepted
 
     def add_topic(self, topic: Topic) -> bool:
-        """Register a topic that appeared while recording; returns whether it is recorded.
+        """Register a topic that appeared while recording.
+
+        Returns whether it is recorded.
 
         It is not while not recording, if a bag cannot hold it, or if its name has another type.
         """
@@ -206,7 +210,9 @@ class BagWriter:
             )
 
     def close(self, timeout: float | None = 30.0) -> RecorderStats:
-        """Write what is queued, finish the bag and its `metadata.yaml`; safe to call twice.
+        """Write what is queued, finish the bag and its `metadata.yaml`.
+
+        Safe to call twice.
 
         `timeout` (s) is when an unresponsive disk counts as failed; None = never.
         """
@@ -281,7 +287,10 @@ class BagWriter:
         return file
 
     def _make_file(self) -> BagFile:
-        """Make the file and `metadata.yaml`; where the disk refuses, nothing is left."""
+        """Make the file and `metadata.yaml`.
+
+        Where the disk refuses, nothing is left.
+        """
         path = self.folder / bag_file_name(self.folder.name)
         try:
             file = BagFile(path, self._first)
@@ -330,7 +339,10 @@ class BagWriter:
             return batch, self._queued_bytes, self._closing
 
     def _sync(self, file: BagFile) -> None:
-        """Bring all to the disk; what it refuses is tried again at the next sync."""
+        """Bring all to the disk.
+
+        What it refuses is tried again at the next sync.
+        """
         now = self._clock()
         problem = None
         try:
@@ -356,7 +368,10 @@ class BagWriter:
             self._changed.notify_all()
 
     def _fail(self, error: Exception) -> None:
-        """Stop recording; everything received and not on the disk is lost."""
+        """Stop recording.
+
+        Everything received and not on the disk is lost.
+        """
         cause = (isinstance(error, OSError) and error.strerror) or str(error) or repr(error)
         outcome = "what was written stays readable, check the disk and its room"
         with self._changed:
@@ -448,7 +463,10 @@ class BagFile:
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def sync(self) -> None:
-        """Bring everything to the disk; raises also if the file was deleted."""
+        """Bring everything to the disk.
+
+        Raises also if the file was deleted.
+        """
         self.end_chunk()
         self.disk.carry()
         self.recorded = self._counts.copy()
@@ -458,14 +476,20 @@ class BagFile:
         return BagInformation(self._name, topics, self._counts, self._start_ns, self._end_ns)
 
     def finish(self) -> None:
-        """Add the record `rosbag2`, the indexes and the summary; on disk on return."""
+        """Add the record `rosbag2`, the indexes and the summary.
+
+        On disk on return.
+        """
         record = {"serialized_metadata": self.information().serialized_metadata()}
         self.add(Batch(records={ROSBAG2_RECORD: record}))
         self._writer.finish()  # type: ignore[no-untyped-call]
         self.sync()
 
     def close(self) -> None:
-        """Close it; what waits for the disk is lost."""
+        """Close it.
+
+        What waits for the disk is lost.
+        """
         self.disk.close()
 
 
@@ -502,7 +526,10 @@ class Disk:
         """Do nothing: `carry` does it."""
 
     def carry(self) -> None:
-        """Write what waits, on from the byte where the disk stopped; OSError where it stops."""
+        """Write what waits, on from the byte where the disk stopped.
+
+        OSError where it stops.
+        """
         while self._written < len(self.waiting):
             piece = bytes(self.waiting[self._written : self._written + CHUNK_BYTES])
             self._written += os.pwrite(self._fd, piece, self.size + self._written)

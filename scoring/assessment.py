@@ -75,7 +75,10 @@ class Assessment:
 
     @property
     def largest_force(self) -> float | None:
-        """Largest abs(force) since the start, N; None before any."""
+        """Largest abs(force) since the start, N.
+
+        None before any.
+        """
         return self._top_force or None
 
     @property
@@ -88,7 +91,7 @@ class Assessment:
 
     @property
     def changes(self) -> int:
-        """See `EventDetector.changes`; steps also change when a settle time ends."""
+        """How often events changed. Steps also change where a settle time ends."""
         return self._detector.changes
 
     def feed(self, sample: Sample) -> None:
@@ -106,7 +109,10 @@ class Assessment:
             self._buffer.add(admitted)
 
     def release(self, now: float) -> None:
-        """Find the events of what was received 0.25 s before log time `now`, s; inf = of all."""
+        """Find the events of what was received 0.25 s before log time `now`, s.
+
+        With inf, of all.
+        """
         for sample in self._buffer.release(now):
             self._detector.feed(sample)
 
@@ -131,11 +137,14 @@ class Assessment:
         )
 
     def events(self, newest: int | None = None) -> tuple[Event, ...]:
-        """The events so far; see `EventDetector.events`."""
+        """Return the events so far (see `EventDetector.events`)."""
         return self._detector.events(newest=newest)
 
     def provisional(self, procedure: Procedure) -> dict[str, float]:
-        """The time indicators known so far, by file name, s; the run can still change them."""
+        """The time indicators known so far, by file name, s.
+
+        The run can still change them.
+        """
         events = self._detector.events(newest=2)  # the last closing is one of them
         indicators = {
             IndicatorName.TIME_TO_HANDLE: pi.time_to_handle(events),
@@ -216,7 +225,10 @@ class Assessment:
         return result, replace(rows, occupied=self._detector.presences())
 
     def series(self, ending: Ending, rulings: Sequence[Ruling]) -> WholeSeries:
-        """All that was measured; call it once the recording has been read to its end."""
+        """All that was measured.
+
+        Call it once the recording has been read to its end.
+        """
         self.release(math.inf)
         signals = self._signals()
         end = self._rows_end(ending, self.procedure(rulings, self._end(ending)))
@@ -293,7 +305,7 @@ class Assessment:
         )
 
     def _by_hand(self, answered: float | None) -> float:
-        """How late the start may be, s; one that the robot answered at once is not."""
+        """Return how late the start may be, s: 0 if the robot answered it at once."""
         by_hand = self._thresholds.start_uncertainty
         return 0.0 if answered and answered <= self.start + by_hand else by_hand
 

@@ -152,7 +152,7 @@ def by_indicator(doubts: Iterable[Doubt]) -> dict[Name, tuple[str, ...]]:
 
 
 def information(g: Grounds) -> Iterator[str]:
-    """What a reader of the values has to know, but nobody has to decide."""
+    """Return what a reader of the values has to know, but nobody has to decide."""
     if _brake_ends_range(g) and _top_force(g)[0] >= _RANGE_END * g.thresholds.largest_force:
         end = g.thresholds.largest_force
         yield f"handle force: at least {end:.0f} N, where the load cell's range and the brake end"
@@ -174,7 +174,7 @@ def edge_doubts(
     handle_zero: float,
     thresholds: Thresholds,
 ) -> Iterator[Doubt]:
-    """Touch, opening or closing that rests on few readings; known while the run goes on."""
+    """Doubt a touch, opening or closing on few readings, also while the run goes on."""
     for edge in edges:
         fewest, log = _FEWEST.get(edge.kind, 0), logs[edge.signal]
         zero, limit = 0.0, thresholds.closed_angle
@@ -193,7 +193,7 @@ def edge_doubts(
 
 
 def _other_visits(g: Grounds) -> Iterator[Doubt]:
-    """Arrival or leaving is not of the presence that joins both sides, or there is none."""
+    """Doubt an arrival or leaving that is not of the presence joining both sides."""
     visits: list[tuple[float, float, set[Side]]] = []
     under = [(a, b, s.side) for s, spans in g.presences.items() for a, b in spans if a <= g.end]
     for rise, fall, side in sorted(under):
@@ -233,7 +233,7 @@ def _torn_end(g: Grounds) -> Iterator[Doubt]:
 
 
 def _holes(g: Grounds) -> Iterator[Doubt]:
-    """No new reading of a signal; U has what is shorter."""
+    """Doubt what a signal without a new reading hides. U has shorter holes."""
     for signal, series in g.run.signals.items():
         if signal.optional:  # it may send its changes only
             continue
@@ -271,7 +271,10 @@ def _hidden_in(
 
 
 def _new_readings(series: Series, start: float) -> Array:
-    """Times of readings; of a signal with noise, one that says the same again is none."""
+    """Return the times of readings, (n,).
+
+    Of a signal with noise, one that says the same again is none.
+    """
     if not series.time.size:
         return series.time
     value = series.value.reshape(series.time.size, -1)
@@ -295,7 +298,7 @@ def _is_open(g: Grounds, time: float) -> bool:
 
 
 def _outliers(g: Grounds) -> Iterator[Doubt]:
-    """Curves in place of lost samples, spikes and freezes move a value by more than its U."""
+    """Doubt a value that curves in place of lost and bad samples move by more than its U."""
     door, limit = g.run.door, _limit(g)
     if door.time.size > 20:
         repaired = Repaired(door.time, door.value, limit)
@@ -358,7 +361,7 @@ class Repaired:
             self.angle[self.bad] = curve
 
     def words(self, start: float) -> str:
-        """What is bad: how many, by how much, and when it was first."""
+        """Return what is bad: how many, by how much, and when it was first."""
         first = float(self.grid[self.bad][0]) - start
         when = f"{abs(first):.1f} s {'after' if first >= 0 else 'before'} the start"
         if (self.bad & ~self._lost).any():
@@ -379,7 +382,7 @@ def spikes(values: Array, limit: float) -> Flags:
 
 
 def frozen(angle: Array, limit: float) -> Flags:
-    """Where an angle stands still between two abrupt steps, or before one that catches up."""
+    """Flag a still angle between two abrupt steps, or before one that catches up."""
     flags = np.zeros(angle.size, dtype=np.bool_)
     steps = np.abs(np.diff(angle))
     for before, after in pairwise([-1, *np.flatnonzero(steps).tolist()]):
@@ -394,7 +397,7 @@ def frozen(angle: Array, limit: float) -> Flags:
 
 
 def _freeze(g: Grounds) -> Iterator[Doubt]:
-    """A door that is open, and then says the same to the end: from full speed, or without noise."""
+    """Doubt an open door that says the same to the end, from full speed or without its noise."""
     door = g.run.door
     moves = np.flatnonzero(np.diff(door.value))
     if not moves.size or abs(door.value[-1]) < g.thresholds.closed_angle:
@@ -417,7 +420,7 @@ def _freeze(g: Grounds) -> Iterator[Doubt]:
 
 
 def _zeros(g: Grounds) -> Iterator[Doubt]:
-    """The closed door or the free handle is not at its zero, or the door rests elsewhere."""
+    """Doubt a closed door or free handle off its zero, and a door that rests elsewhere."""
     run, door = g.run, g.run.door
     zero, noise = run.at_rest(Signal.DOOR)
     if abs(zero) > FARTHEST_ZERO:
@@ -444,7 +447,10 @@ def _zeros(g: Grounds) -> Iterator[Doubt]:
 
 
 def _scale(g: Grounds) -> Iterator[Doubt]:
-    """The door moves in other steps than its encoder's; a continuous angle has none."""
+    """Doubt a door that moves in other steps than its encoder's.
+
+    A continuous angle has none.
+    """
     steps = np.abs(np.diff(g.run.door.value))
     steps = np.sort(steps[steps > 1e-9])
     usual = g.thresholds.encoder_count
@@ -470,7 +476,7 @@ def _brake_ends_range(g: Grounds) -> bool:
 
 
 def _range_end(g: Grounds) -> Iterator[Doubt]:
-    """The largest force is where the load cell's range ends, or is there three times."""
+    """Doubt a largest force where the load cell's range ends, or that is there three times."""
     top, times = _top_force(g)
     is_clipped = times >= _CLIPPED and top - abs(g.handle_zero) > g.thresholds.touch_force
     if _brake_ends_range(g):
@@ -486,7 +492,7 @@ def _range_end(g: Grounds) -> Iterator[Doubt]:
 
 
 def _clocks(g: Grounds) -> Iterator[Doubt]:
-    """Edges that a time joins were stamped with delays that differ by over an interval."""
+    """Doubt times whose edges were stamped with delays that differ by over an interval."""
     run = g.run
     needed = [s for signal, s in run.signals.items() if s.time.size > 1 and not signal.optional]
     intervals = [float(np.median(np.diff(series.time))) for series in needed]
@@ -518,7 +524,7 @@ def _clocks(g: Grounds) -> Iterator[Doubt]:
 
 
 def _delays(g: Grounds, name: Name) -> dict[str, float]:
-    """How far reception lies behind the stamps, s, about each edge that a time joins."""
+    """Return how far reception lies behind the stamps, s, about each edge that a time joins."""
     with_start = name.spec.with_the_start
     delays = {"the start": 0.0} if with_start else {}
     for edge in g.run.edges:
@@ -535,7 +541,7 @@ def _delays(g: Grounds, name: Name) -> dict[str, float]:
 
 
 def _latch(g: Grounds) -> Iterator[Doubt]:
-    """The door's rest completed a run whose latch said otherwise, or spoke too late."""
+    """Doubt a lock by the door's rest where the latch said otherwise, or spoke too late."""
     if not g.settled:
         return
     states = [edge for edge in g.evidence.latch if edge.time <= g.run.rows_end]
@@ -546,7 +552,7 @@ def _latch(g: Grounds) -> Iterator[Doubt]:
 
 
 def _publishers(g: Grounds) -> Iterator[Doubt]:
-    """Two publishers of a signal, what the reader found wrong, or a step that is missing."""
+    """Doubt a signal of two publishers or misread, and a completion that lacks a step."""
     for signal, series in g.run.signals.items():
         back = np.flatnonzero((np.diff(series.sequence) < 0) & (series.sequence[1:] > 0)) + 1
         times = [t for t in series.time[back] if g.run.start <= t <= g.run.rows_end]

@@ -61,7 +61,7 @@ class DecidingEdge(NamedTuple):
 
 
 def edges_until(edges: Sequence[Edge], time: float) -> int:
-    """How many edges of one signal, in order, lie up to `time`."""
+    """Return how many edges of one signal, in order, lie up to `time`."""
     return bisect_right(edges, time, key=lambda edge: edge.time)
 
 
@@ -80,7 +80,7 @@ class BinarySignal:
         self.begun = False
 
     def update(self, time: float, value: bool, start: float) -> bool:
-        """Take a reading; return whether it changes anything."""
+        """Take a reading and return whether it changes anything."""
         value = bool(value)  # one of NumPy is no True
         if value is self.state and (self.begun or time < start):
             return False

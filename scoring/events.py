@@ -72,11 +72,14 @@ class EventDetector:
 
     @property
     def occupied(self) -> dict[PassageSensor, bool | None]:
-        """For each used sensor, whether something is under it; None = not known yet."""
+        """Whether something is under each used sensor, or None where not known yet."""
         return {sensor: level.state for sensor, level in self._sensors.items()}
 
     def presences(self) -> dict[PassageSensor, tuple[tuple[float, float], ...]]:
-        """Rises and falls since the start, s since the epoch; an unseen fall is inf."""
+        """Rises and falls since the start, s since the epoch.
+
+        An unseen fall is inf.
+        """
         return {
             sensor: tuple(
                 (rise.time, fall.time if fall else math.inf)
@@ -143,7 +146,7 @@ class EventDetector:
             self._latch.append(Edge(sample.time, sample.engaged))
 
     def evidence(self, stop: float | None = None) -> Evidence:
-        """What is known about the steps, live (`stop` None) or for a run stopped at `stop`."""
+        """Return what is known of the steps, live (`stop` None) or of a run stopped at `stop`."""
         crossed = self._crossed_since
         if stop is not None:
             self._begin(stop)
@@ -191,7 +194,7 @@ class EventDetector:
         return tuple(sorted(events, key=lambda event: event.time))
 
     def latch_events(self, since: int = 0) -> list[Event]:
-        """What the latch did after the first state that it told; of these those from `since` on."""
+        """Return what the latch did from `since` on, after the first state that it told."""
         names = {True: EventName.DOOR_IS_LOCKED, False: EventName.DOOR_IS_UNLOCKED}
         return [Event(edge.time, names[edge.value]) for edge in self._latch[1:][since:]]
 
@@ -236,7 +239,7 @@ class EventDetector:
         return min(rises, key=lambda rise: rise[0], default=None)
 
     def _last_fall(self, end: float) -> tuple[float, Side] | None:
-        """Of two falls at one instant, that on the destination side counts."""
+        """Return the last fall, of two at one instant that on the destination side."""
         falls = []
         for sensor, level in self._sensors.items():
             count = edges_until(level.edges, end)
@@ -252,7 +255,7 @@ class EventDetector:
         return time, condition.destination_side if reached else condition.starting_side
 
     def _leaves(self, stop: float | None) -> tuple[float, Side] | None:
-        """When and on which side the robot left the doorway (section 7, "at the stop")."""
+        """Return when and on which side the robot left the doorway (section 7, "at the stop")."""
         if stop is None:
             occupied = any(level.state for level in self._sensors.values())
             return None if occupied else self._last_fall(math.inf)
@@ -268,7 +271,10 @@ class EventDetector:
         return stop, starting
 
     def _clear_time(self, side: Side, time: float) -> float:
-        """When `side` is first clear from `time` on; inf = not before the recording ends."""
+        """Return when `side` is first clear from `time` on.
+
+        inf = not before the recording ends.
+        """
         levels = [level for sensor, level in self._sensors.items() if sensor.side is side]
         times = [e.time for level in levels for e in level.edges if e.time > time]
         for instant in (time, *sorted(times)):

@@ -30,7 +30,10 @@ _NEVER_OPENED = "door never opened"
 def compute_indicators(
     events: Sequence[Event], done: AbstractSet[Step], rows: Rows, condition: Condition
 ) -> dict[IndicatorName, Indicator]:
-    """Compute all indicators of a run that is not aborted; `rows` are cut to the run."""
+    """Compute all indicators of a run that is not aborted.
+
+    `rows` are cut to the run.
+    """
     return {
         IndicatorName.EXECUTION_TIME: execution_time(events),
         IndicatorName.TIME_TO_HANDLE: time_to_handle(events),
@@ -107,7 +110,7 @@ def smoothness_of_door_actuation(rows: Rows) -> Indicator:
 
 
 def roughness_of_door_actuation(force: Array) -> Indicator:
-    """From the force of the run's rows as recorded, N, shape (n,), if finite."""
+    """Return the largest abs(force) of a run's rows, N, shape (n,)."""
     name = IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION
     values = _finite(force)
     if not values.size:
@@ -125,7 +128,7 @@ def capability_level(done: AbstractSet[Step]) -> Indicator:
 def duration(
     name: IndicatorName, since: float | None, until: float | None, no_since: str, no_until: str
 ) -> Indicator:
-    """The time between two instants, s; without one of them the reason in words."""
+    """Return the time between two instants, s, or why one of them is missing."""
     if since is None:
         return Indicator.missing(name, no_since)
     if until is None:

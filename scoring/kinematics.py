@@ -153,7 +153,7 @@ def butterworth(interval: float) -> tuple[Array, Array]:
 
 
 def too_fast(interval: float) -> str | None:
-    """Why the low-pass filter cannot be computed: its coefficients drown in their digits."""
+    """Return why the low-pass filter cannot be computed: its coefficients drown in their digits."""
     b, a = butterworth(interval)
     if abs(b.sum() / a.sum() - 1) < _GAIN_ERROR:
         return None
@@ -161,7 +161,10 @@ def too_fast(interval: float) -> str | None:
 
 
 def jerk(joint: JointState, thresholds: Thresholds) -> tuple[Array, Array]:
-    """Times, s, and jerk, rad/s^3, of the open panel, shape (m,), all finite; none over a gap."""
+    """Times, s, and jerk, rad/s^3, of the open panel, shape (m,), all finite.
+
+    None over a gap.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         quotients: Array = np.diff(joint.acceleration) / np.diff(joint.time)
     is_open = np.abs(joint.position[1:]) > thresholds.closed_angle
@@ -170,7 +173,10 @@ def jerk(joint: JointState, thresholds: Thresholds) -> tuple[Array, Array]:
 
 
 def mean_interval(time: Array, largest_gap: float = math.inf) -> float | None:
-    """The mean of the intervals that are no gaps, s; None without any."""
+    """The mean of the intervals that are no gaps, s.
+
+    None without any.
+    """
     intervals = np.diff(time)
     intervals = intervals[intervals <= largest_gap]
     return float(intervals.mean()) if intervals.size else None

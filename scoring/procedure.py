@@ -120,7 +120,10 @@ class Procedure:
 
     @property
     def completed(self) -> float | None:
-        """When the last step was done, s since the epoch; None = not yet."""
+        """When the last step was done, s since the epoch.
+
+        None = not yet.
+        """
         return self.steps[-1].final
 
 

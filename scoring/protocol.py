@@ -99,7 +99,10 @@ class Condition:
 
     @classmethod
     def from_number(cls, number: int) -> Condition:
-        """The condition with EUROBENCH's number; `ScoringError` unless it is 1..20."""
+        """The condition with EUROBENCH's number.
+
+        `ScoringError` unless it is 1..20.
+        """
         if number not in range(1, 21):
             raise ScoringError(f"condition {number} does not exist: use a number from 1 to 20")
         index = int(number) - 1
@@ -198,7 +201,10 @@ _EVENT_WORDS = {
 
 
 def event_words(name: str) -> str:
-    """An event in words, for people; an unknown name is returned as it is."""
+    """An event in words, for people.
+
+    An unknown name is returned as it is.
+    """
     return EventName(name).words if name in _EVENT_WORDS else name
 
 
@@ -243,7 +249,10 @@ class Signal(Enum):
 
     @property
     def optional(self) -> bool:
-        """Whether a testbed works without it; an optional signal may send its changes only."""
+        """Whether a testbed works without it.
+
+        An optional signal may send its changes only.
+        """
         return self is Signal.LATCH
 
     @classmethod
@@ -365,7 +374,7 @@ class Thresholds:
         return _AMPLIFIER * self.largest_force
 
     def masked(self, side: Side, index: int, angle: float) -> bool:
-        """Whether the panel, at `angle` (rad), passes under sensor `index` of `side`."""
+        """Return whether the panel, at `angle` (rad), passes under sensor `index` of `side`."""
         low, high = self.mask(side, index)
         return low < angle * side.sign < high
 
@@ -391,7 +400,10 @@ class StartPose:
 
     @property
     def side(self) -> Side | None:
-        """The side on which the pose lies; None on the threshold itself."""
+        """The side on which the pose lies.
+
+        None on the threshold itself.
+        """
         if self.x == 0:
             return None
         return Side.CCW if self.x > 0 else Side.CW

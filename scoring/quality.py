@@ -54,7 +54,7 @@ class SignalQuality:
     skewed: bool = False
 
     def cells(self) -> tuple[str, ...]:
-        """Samples, rate, gap, gaps, jitter, skew, dropped, shifted, no reading; intervals in ms."""
+        """Return the numbers of a row in the order of the columns, intervals in ms."""
 
         def text(value: float | None, scale: float = 1000) -> str:
             return "-" if value is None else f"{value * scale:.1f}"
@@ -65,7 +65,7 @@ class SignalQuality:
         return (str(self.samples), rate, *gaps, text(self.jitter), text(self.skew), *counts)
 
     def remarks(self) -> Iterator[str]:
-        """What to know of the signal."""
+        """Return what to know of the signal."""
         if not self.samples:
             yield "nothing recorded"
         if self.dropped:

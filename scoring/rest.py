@@ -83,22 +83,27 @@ class RestForce:
 
     @property
     def largest(self) -> float:
-        """The larger rest force of before and after, N; 0 where neither is known."""
+        """The larger rest force of before and after, N.
+
+        0 where neither is known.
+        """
         rests = [rest.mean for rest in (self.before, self.after) if rest is not None]
         return max(rests, key=abs, default=0.0)
 
     def drifted(self, touch_force: float) -> bool:
-        """Whether the drift exceeds half the touch threshold (N): the zero does not hold."""
+        """Return whether the drift exceeds half the touch threshold (N): the zero does not hold."""
         return self.drift is not None and moved(self.drift, touch_force)
 
 
 def moved(difference: float, touch_force: float) -> bool:
-    """Whether the rest force differs by more than half the touch threshold, N (section 4)."""
+    """Return whether a rest force differs by more than half the touch threshold, N."""
     return abs(difference) > touch_force / 2
 
 
 def rest_of(times: Sequence[float], forces: Sequence[float]) -> HandleRest | None:
-    """Statistics of a handle at rest; None if no handle bears such forces.
+    """Statistics of a handle at rest.
+
+    None if no handle bears such forces.
 
     Sums are exact, so that the numbers depend on no library.
     """
@@ -164,7 +169,10 @@ def _not_free(after: HandleRest | None, before: HandleRest | None, start: float)
 
 
 def _stretch(time: Array, force: Array, end: float, thresholds: Thresholds) -> HandleRest | None:
-    """The samples in (end - half a second, end]; None if they do not suffice."""
+    """The samples in (end - half a second, end].
+
+    None if they do not suffice.
+    """
     import numpy as np
 
     first, last = np.searchsorted(time, [end - REST_TIME, end], side="right")

@@ -68,7 +68,7 @@ _STUDENT = (0.0, 12.71, 4.31, 3.19, 2.78, 2.58, 2.45, 2.37, 2.31, 2.27)
 
 
 def _student(freedom: int) -> float:
-    """What holds 95 in 100 on both sides, of Student's t; from 10 on by its first two terms."""
+    """Return Student's t for 95 of 100 on both sides, from 10 on by its first two terms."""
     if freedom < len(_STUDENT):
         return _STUDENT[freedom]
     return 1.96 + 2.38 / freedom + 2.9 / freedom**2
@@ -119,7 +119,10 @@ class Indicator:
 
     @classmethod
     def of(cls, name: IndicatorName, value: float) -> Indicator:
-        """An indicator with a value; a value that is not finite becomes a reason."""
+        """An indicator with a value.
+
+        A value that is not finite becomes a reason.
+        """
         if not math.isfinite(value):
             return cls.missing(name, "out of the range of numbers")
         # numpy scalars would be written as object tags by YAML
@@ -213,7 +216,10 @@ class Result:
 
     @property
     def ended(self) -> str:
-        """Why it ended; of a run that lacks steps, how many count, and why not the next one."""
+        """Why it ended.
+
+        Of a run that lacks steps, how many count, and why not the next one.
+        """
         if not self.lacks_steps:
             return self.outcome_reason
         undone = [record for record in self.steps if not record.done]
@@ -224,7 +230,10 @@ class Result:
         return f"{count} of {len(self.steps)} steps count: {why}"
 
     def to_frame(self) -> DataFrame:
-        """The indicators, a row each; numbers with all their digits, missing ones NaN."""
+        """The indicators, a row each.
+
+        Numbers with all their digits, missing ones NaN.
+        """
         from pandas import DataFrame
 
         rows = (
@@ -319,7 +328,9 @@ def without_zeros(number: str) -> str:
 
 
 def uncertainty_text(uncertainty: Uncertainty | None) -> str:
-    """An expanded uncertainty as it stands beside its value, `+- 0.02`; empty where none is known.
+    """An expanded uncertainty as it stands beside its value, `+- 0.02`.
+
+    Empty where none is known.
 
     Of one digit, rounded up: that never says less than there is.
     """
@@ -350,7 +361,7 @@ def difference_text(difference: float, of: Iterable[Uncertainty | None], decimal
 
 
 def decimals_left(uncertainty: Uncertainty) -> int:
-    """How many decimals an expanded uncertainty above 0 leaves of a value."""
+    """Return how many decimals an expanded uncertainty above 0 leaves of a value."""
     _, place = _rounded_up(uncertainty.expanded)
     return max(0, -place)
 

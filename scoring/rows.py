@@ -45,7 +45,10 @@ class Rows:
         return bool((np.abs(self.joint_state.position) > self.thresholds.closed_angle).any())
 
     def series(self, quantity: Quantity) -> tuple[Array, Array]:
-        """Times, s since the epoch, and values of a quantity, in its unit; both of shape (n,)."""
+        """Times, s since the epoch, and values of a quantity, in its unit.
+
+        Both of shape (n,).
+        """
         match quantity:
             case Quantity.POSITION:
                 return self.joint_state.time, self.joint_state.position
@@ -74,7 +77,10 @@ class Rows:
 def process_rows(
     door_time: Array, angle: Array, force_time: Array, force: Array, thresholds: Thresholds
 ) -> Rows:
-    """Filter a whole recording; cut it with `Rows.cut` afterwards (section 5)."""
+    """Filter a whole recording.
+
+    Cut it with `Rows.cut` afterwards (section 5).
+    """
     joint = joint_state(door_time, angle, thresholds)
     low_passed, problem = low_pass(joint, thresholds)
     jerk_time, jerks = jerk(joint, thresholds)

@@ -147,7 +147,7 @@ def signal_quality(
 
 
 def _missing_readings(signal: Signal, series: Series, thresholds: Thresholds) -> tuple[int, int]:
-    """How many values, of the used ranges, are no reading (section 11), and how many impossible."""
+    """Count the values, of the used ranges, that are no reading, and the impossible ones."""
     value = series.value
     if signal in (Signal.DOOR, Signal.HANDLE):
         limits = {
@@ -165,14 +165,17 @@ def _missing_readings(signal: Signal, series: Series, thresholds: Thresholds) ->
 
 
 def last_angles(door: Series, time: Array) -> Array:
-    """The last door angle at each time, rad, shape (n,); before the first one it is closed."""
+    """The last door angle at each time, rad, shape (n,).
+
+    Before the first one it is closed.
+    """
     places = np.searchsorted(door.time, time, side="right")
     angles: Array = np.concatenate(([0.0], door.value))[places]
     return angles
 
 
 def is_masked(sensor: PassageSensor, angle: Array, thresholds: Thresholds) -> Flags:
-    """Where the panel, at `angle` rad, passes under a sensor."""
+    """Return where the panel, at `angle` rad, passes under a sensor."""
     low, high = thresholds.mask(sensor.side, sensor.index)
     turned = angle * sensor.side.sign
     return (low < turned) & (turned < high)

@@ -39,7 +39,10 @@ class StampGuard:
         self._previous: Sample | None = None
 
     def admit(self, sample: Sample) -> Sample | None:
-        """The sample with its stamp corrected; None when it is to be dropped."""
+        """The sample with its stamp corrected.
+
+        None when it is to be dropped.
+        """
         if sample.time == 0:  # it was never set, and tells nothing of the publisher's clock
             self.dropped += 1
             return None
@@ -90,7 +93,10 @@ class ReorderBuffer:
         heappush(self._waiting, (*key, sample))
 
     def release(self, now: float) -> Iterator[Sample]:
-        """Samples that have waited long enough at log time `now`, s; inf = all."""
+        """Samples that have waited long enough at log time `now`, s.
+
+        inf = all.
+        """
         waiting = self._waiting
         while waiting and waiting[0][3].log_time + REORDERED <= now:
             time, follows_door, _, sample = heappop(waiting)

@@ -76,7 +76,10 @@ class Recorded:
         return (float(rest.mean()), float(rest.std())) if rest.size else (0.0, 0.0)
 
     def motion(self, time: Array, angle: Array) -> tuple[float, float]:
-        """Unsafety and smoothness of these angles, rad, shape (n,); NaN = none."""
+        """Unsafety and smoothness of these angles, rad, shape (n,).
+
+        NaN = none.
+        """
         nothing = np.zeros(0)
         rows = process_rows(time, angle, nothing, nothing, self.thresholds)
         rows = rows.cut(self.start, self.rows_end)
@@ -87,7 +90,10 @@ class Recorded:
 
 
 def uncertainties(run: Recorded) -> dict[Name, Uncertainty | None]:
-    """That of each indicator; None where none is known. The level is exact."""
+    """Return the uncertainty of each indicator, or None where it is not known.
+
+    The level is exact.
+    """
     late = [(edge, _lateness(run, edge)) for edge in run.edges]
     sizes: dict[Name, float] = {Name.CAPABILITY_LEVEL: 0.0}
     for name in (Name.DOOR_OCCUPATION_TIME, Name.PASSAGE_TIME):
@@ -111,7 +117,7 @@ def _two_digits(value: float) -> float:
 
 
 def _lateness(run: Recorded, edge: DecidingEdge) -> float:
-    """By how much an edge may be late, s.
+    """Return by how much an edge may be late, s.
 
     That is the interval before its reading; of the door also what its zero and half a count take at
     the panel's speed.
@@ -152,7 +158,7 @@ def _motion(run: Recorded) -> tuple[float, float]:
 
 
 def _force(run: Recorded) -> float:
-    """Twice the noise; and, of a peak that stands alone, what the samples about it leave open."""
+    """Return twice the noise, with what the samples about a lone peak leave open."""
     handle = run.signals[Signal.HANDLE]
     size = np.abs(handle.value[(handle.time >= run.start) & (handle.time <= run.rows_end)])
     if not size.size:

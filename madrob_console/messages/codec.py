@@ -163,7 +163,10 @@ _LONGEST_NAME = 40
 
 
 def range_problem(sample: PassageSample, element: int, number: int) -> str | None:
-    """Return why the range is no reading, in words that call it `number`; None = it is one."""
+    """Return why the range is no reading, or None if it is one.
+
+    The words call it `number`.
+    """
     if is_reading(sample, element):
         return None
     if element >= len(sample.ranges):
@@ -194,7 +197,10 @@ class _Reader:
         self.is_doubted = False
 
     def sample(self, content: Message, message: RawMessage) -> Sample:
-        """Return the sample in a message; ValueError where no element has the name."""
+        """Return the sample in a message.
+
+        ValueError where no element has the name.
+        """
         log_time = seconds(message.receive_ns)
         time = log_time
         if self._has_stamp:
@@ -219,7 +225,7 @@ class _Reader:
         return LatchSample(time, log_time, value >= 0.5, message.sequence)
 
     def _ranges(self, content: Message) -> tuple[tuple[float, ...], float, float]:
-        """Return the ranges, infinite without echo, and their limits; all scaled."""
+        """Return the ranges, infinite without echo, and their limits, all scaled."""
         mapping = self.mapping
         try:
             found = self._field.value(content)
@@ -266,7 +272,10 @@ def find_signal(
 
 
 def _find_limits(field: MessageField, types: MessageTypes) -> list[MessageField]:
-    """Find the limits beside ranges, least first; empty where the type has none."""
+    """Find the limits beside ranges, least first.
+
+    Empty where the type has none.
+    """
     for names in (("range_min", "range_max"), ("min_range", "max_range")):  # of a scan, of a Range
         found = [field.sibling(name, types) for name in names]
         limits = [limit for limit in found if limit is not None]

@@ -35,20 +35,23 @@ class MessageField:
     messages: Steps | None = None
 
     def sibling(self, name: str, types: MessageTypes) -> MessageField | None:
-        """Return the number of this name beside it; None where the type has none."""
+        """Return the number of this name beside it.
+
+        None where the type has none.
+        """
         field = types.fields(self.owner).get(name)
         if field is None or not _is_number(field):
             return None
         return replace(self, steps=self._beside(name), numbers=False, base=str(field[1][0]))
 
     def names(self, types: MessageTypes) -> Steps:
-        """Return the way to the names of the elements of which it is one by index; else empty."""
+        """Return the way to the names of the elements, or empty if it is no element by index."""
         if isinstance(self.steps[-1], int) and _are_texts(types.fields(self.owner).get("name")):
             return self._beside("name")
         return ()
 
     def value(self, message: Message) -> Message:
-        """Return its value, of an array of messages a list; see `value_at`."""
+        """Return its value, of an array of messages a list (see `value_at`)."""
         if self.messages is None:
             return value_at(message, self.steps)
         return [value_at(part, self.steps) for part in value_at(message, self.messages)]
@@ -80,7 +83,9 @@ def attribute(name: str) -> str:
 
 
 def find_field(types: MessageTypes, type_name: str, path: str) -> MessageField:
-    """Find the field at `path`; MadrobError where the path is malformed.
+    """Find the field at `path`.
+
+    MadrobError where the path is malformed.
 
     Raises:
         MessageError: the type is unknown, has no such field, or holds no numbers there.
@@ -122,7 +127,10 @@ def begins_with_header(types: MessageTypes, type_name: str) -> bool:
 def _problem_of(
     step: str | int | NamedElement, field: FieldDesc, owner: str, types: MessageTypes
 ) -> str | None:
-    """Return why the step does not lead on from a field of `owner`; None = it may."""
+    """Return why the step does not lead on from a field of `owner`.
+
+    None if it does.
+    """
     if isinstance(step, str):
         if field[0] != Nodetype.NAME:
             return "nothing is inside of the array"

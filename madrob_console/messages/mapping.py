@@ -65,7 +65,10 @@ class TopicMapping:
 
     @property
     def element_name(self) -> str | None:
-        """The name of an element without which a message is no sample; None = there is none."""
+        """The name of an element without which a message is no sample.
+
+        None = there is none.
+        """
         return self.field.partition("=")[2].partition("]")[0] or None
 
     def limited(self) -> TopicMapping:
@@ -87,7 +90,10 @@ _STEPS = re.compile(_STEP, re.ASCII)
 
 
 def parse_path(path: str) -> Steps:
-    """Split the path of a field; MadrobError where it is none."""
+    """Split the path of a field.
+
+    MadrobError where it is none.
+    """
     if not _PATH.fullmatch(path):
         raise MadrobError(
             f"{path!r} is no field: write names with dots, for example position[0] or "

@@ -84,7 +84,10 @@ class MessageTypes:
         )
 
     def type_hash(self, type_name: str) -> str:
-        """Return the type's `RIHS01_...` hash; empty where rosbags would compute a wrong one."""
+        """Return the type's `RIHS01_...` hash.
+
+        Empty where rosbags would compute a wrong one.
+        """
         self.fields(type_name)
         known = self._store.fielddefs
         nested = _all_nested(type_name, known)
@@ -95,7 +98,10 @@ class MessageTypes:
         return self._store.hash_rihs01(type_name)
 
     def make(self, type_name: str, /, **fields: object) -> Message:
-        """Make a message with the given fields; the others are 0, empty or False."""
+        """Make a message with the given fields.
+
+        The others are 0, empty or False.
+        """
         known = self.fields(type_name)
         if unknown := fields.keys() - known.keys():
             raise MessageError(f"{type_name} has no field {min(unknown)}")
@@ -149,7 +155,10 @@ def nested_types(type_name: str, fields: Typesdict) -> list[str]:
 
 
 def _all_nested(type_name: str, fields: Typesdict) -> set[str]:
-    """Return the type and all types in it; MadrobError where one lacks or contains itself."""
+    """Return the type and all types in it.
+
+    MadrobError where one lacks or contains itself.
+    """
     graph: dict[str, list[str]] = {}
     waiting = [type_name]
     while waiting:
@@ -177,7 +186,10 @@ def standard_types() -> MessageTypes:
 
 
 def types_of(topics: Iterable[Topic]) -> MessageTypes:
-    """Return the types of a bag's topics; other than standard ones are known for this bag alone."""
+    """Return the types of a bag's topics.
+
+    Other than standard ones are known for this bag alone.
+    """
     unknown = [topic for topic in topics if not standard_types().knows(topic.type)]
     if not unknown:
         return standard_types()
