@@ -289,14 +289,25 @@ def read_outline(file: BufferedReader) -> Outline:
     outline = read_summary(file)
     if outline is not None:
         return outline
-    reader = FileReader(file)
+    outline, is_early = _read_whole(file, {})
+    if is_early:  # what comes behind a damage may tell the channels of messages before it
+        outline, _ = _read_whole(file, outline.channels)
+    return outline
+
+
+def _read_whole(file: BufferedReader, channels: dict[int, Topic]) -> tuple[Outline, bool]:
+    """Return what is in the whole file, and whether a channel came behind a damage."""
+    reader = FileReader(file, channels)
     outline = Outline(channels=reader.topics)
+    known: int | None = None
     try:
         for part in reader.parts():
+            if part.problem is not None and known is None:
+                known = len(reader.topics)
             outline.add(part)
     except OSError as error:
         outline.problems.append(f"it cannot be read ({error}){_ENDS}")
-    return outline
+    return outline, known is not None and known < len(reader.topics)
 
 
 def read_parts(file: BufferedReader) -> Iterator[Part]:

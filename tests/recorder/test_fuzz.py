@@ -218,9 +218,17 @@ def fuzz(place: Path, examples: int) -> None:
     invent()
 
 
-def test_a_chunk_that_lies_about_its_times_is_read_in_their_order(tmp_path: Path) -> None:
-    lies = [("remove", 0.5, 3), ("remove", 0.5, 200), ("flip", 0.0195, 0)]
-    check(tmp_path / "place", changed(whole_files()[0], lies), None)
+@pytest.mark.parametrize(
+    ("kind", "changes"),
+    [
+        (0, [("remove", 0.5, 3), ("remove", 0.5, 200), ("flip", 0.0195, 0)]),  # a chunk lies
+        (4, [("flip", 0.59, 0), ("flip", 0.0313, 0)]),  # a channel is told at the end only
+    ],
+)
+def test_messages_come_by_their_times_before_and_after_a_repair(
+    kind: int, changes: list[tuple[str, float, object]], tmp_path: Path
+) -> None:
+    check(tmp_path / "place", changed(whole_files()[kind], changes), None)
 
 
 def test_no_file_can_break_reader_or_repair(tmp_path: Path) -> None:
