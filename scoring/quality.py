@@ -71,7 +71,7 @@ class SignalQuality:
         if self.dropped:
             yield f"{self.dropped} duplicate, backward, wrong or missing stamps dropped"
         if self.clock_steps:
-            yield f"clock stepped {self.clock_steps} times, later stamps shifted back"
+            yield f"clock steps: {self.clock_steps}, later stamps shifted back"
         if not self.signal.optional:
             yield from self._interruptions()
         if self.no_reading:
@@ -84,7 +84,7 @@ class SignalQuality:
         if self.begins_late:
             yield f"nothing in the first {self.begins_late:.1f} s of the recording"
         if self.gaps:
-            yield f"{self.gaps} gaps, the longest {self.largest_gap:.3f} s"
+            yield f"gaps: {self.gaps}, the longest {self.largest_gap:.3f} s"
         if self.ends_early:
             yield f"nothing in the last {self.ends_early:.1f} s of the recording"
         if self.rate and self.jitter and self.jitter * self.rate > _UNEVEN:

@@ -60,12 +60,12 @@ class Case(NamedTuple):
 
 BLIND = (DOOR, STRIP)
 DROPPED = r"\d+ duplicate, backward, wrong or missing stamps dropped"
-STEPPED = r"clock stepped 1 times, later stamps shifted back"
+STEPPED = r"clock steps: 1, later stamps shifted back"
 WITHOUT = r"\d+ values without a reading"
 CASES = (
     Case(Fault.DIES, SLOW, r"nothing in the last \d+\.\d s of the recording", BLIND),
-    Case(Fault.SLOWS, SLOW, r"\d+ gaps, the longest 0\.2\d+ s"),
-    Case(Fault.CRAWLS, SLOW, r"\d+ gaps, the longest 2\.5\d+ s", BLIND),
+    Case(Fault.SLOWS, SLOW, r"gaps: \d+, the longest 0\.2\d+ s"),
+    Case(Fault.CRAWLS, SLOW, r"gaps: \d+, the longest 2\.5\d+ s", BLIND),
     Case(Fault.FLOODS, r"\d+ messages/s, far above 50", "uneven intervals of"),
     Case(Fault.REPEATS_STAMPS, BACK, DROPPED, BLIND),
     Case(Fault.STEPS_BACK, BACK, DROPPED),
