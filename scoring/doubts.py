@@ -210,6 +210,9 @@ def _other_visits(g: Grounds) -> Iterator[Doubt]:
             asked = f"are the {blind} sensors dead" if blind else "did the robot turn back"
             yield _PASSING, f"the door opened and closed, but nobody was seen to pass: {asked}?"
         return
+    if g.run.door.time.size and EdgeKind.OPENING not in g.kinds:
+        words = "somebody passed, but the door never opened: did its sensor freeze?"
+        yield _OF_SIGNAL[Signal.DOOR], words
     since, until, _ = passages[-1]
     starting = g.condition.starting_side
     # the robot was on the other side when something ended the run on this one

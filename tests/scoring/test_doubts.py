@@ -113,6 +113,11 @@ FAULTS: dict[str, tuple[Fault, set[Name], str]] = {
         {SMOOTHNESS, UNSAFETY, PASSAGE, LEVEL},
         "did the sensor freeze?",
     ),
+    "door freezes while it is closed": (
+        frozen(DoorSample, 0.5, 99.0),
+        {SMOOTHNESS, UNSAFETY, EXECUTION, PASSAGE, LEVEL},
+        "somebody passed, but the door never opened: did its sensor freeze?",
+    ),
     "door freezes for good and masks who passes": (
         frozen(DoorSample, 3.4, 99.0),
         {SMOOTHNESS, UNSAFETY, PASSAGE, OCCUPATION, LEVEL},
