@@ -1,21 +1,19 @@
-"""What drawings of a run show: curves without gaps, passage lanes, phases.
+"""What drawings of a run show: curves without gaps, passage lanes.
 
 Plain data without matplotlib.
 """
 
 from __future__ import annotations
 
-import statistics
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scoring.indicator_table import IndicatorName
 from scoring.kinematics import Array
-from scoring.protocol import PASSAGE_SENSORS, Condition, EventName, PassageSensor, Side, Step
+from scoring.protocol import PASSAGE_SENSORS, Condition, EventName, PassageSensor, Side
 from scoring.result import Result
 from scoring.rows import Rows
 
@@ -172,49 +170,3 @@ def _runs(time: Array, true: NDArray[np.bool_]) -> Iterator[Interval]:
 def _sensor_name(sensor: PassageSensor) -> str:
     """`cw_right[3]`, as the protocol numbers them."""
     return f"{sensor.strip}[{sensor.element}]"
-
-
-class TimedPhase(Enum):
-    """A part of a run, up to `step`, or to the stop if None."""
-
-    TOUCH = (Step.TOUCH, "start to touch")
-    OPEN = (Step.OPEN, "touch to opening")
-    CROSS = (Step.CROSS, "opening to crossed")
-    CLOSE = (Step.CLOSE, "crossed to closed")
-    LOCK = (Step.LOCK, "closed to locked")
-    REST = (None, "no further step")
-
-    def __init__(self, step: Step | None, words: str) -> None:
-        self.step = step
-        self.words = words
-
-
-PhaseTimes = Mapping[TimedPhase, float]
-"""How long each phase was, s; a phase that was not completed is missing."""
-
-
-def phases_of(
-    done: Mapping[Step, float], start: float, stop: float | None
-) -> dict[TimedPhase, float]:
-    """The phases of a run, in order; times in s. Without a `stop` the last one is not known."""
-    durations: dict[TimedPhase, float] = {}
-    at = start
-    for phase in TimedPhase:
-        time = stop if phase.step is None else done.get(phase.step)
-        if time is None and phase.step is not None:
-            continue  # no step counts after one that does not
-        if time is not None and (time > at or phase.step not in (None, Step.LOCK)):
-            durations[phase] = max(0.0, time - at)
-            at = max(at, time)
-    return durations
-
-
-def median_phases(runs: Iterable[PhaseTimes]) -> dict[TimedPhase, float]:
-    """The median of each phase over the runs that completed it."""
-    every = list(runs)
-    by_phase = {
-        phase: [run[phase] for run in every if phase in run]
-        for phase in TimedPhase
-        if phase.step is not None
-    }
-    return {phase: statistics.median(times) for phase, times in by_phase.items() if times}

@@ -1,155 +1,137 @@
-"""Where the time of a run went, beside the field's median and the team's best run."""
+"""Where the time of a run went, beside the field's median and the team's best other run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from enum import Enum
+from statistics import median
 
 from madrob_console.archive.history import rank
 from madrob_console.archive.scored import Scored
 from madrob_console.common.formatting import counted
-from madrob_console.pages.drawings import Scale
 from madrob_console.pages.related_runs import ComparedRun, PagePlace
-from madrob_console.pages.templates import date_text
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Outcome
+from scoring.protocol import Outcome, Step
 from scoring.result import distinguishable
-from scoring.run_drawings import Interval, PhaseTimes, TimedPhase, median_phases, phases_of
 
-_ALIKE = 2
-"""Smallest difference between phases, in sampling intervals: each edge may be one off."""
+_NOTHING_TO_COMPARE = (
+    "There is nothing to compare with. A completed run is compared with the other completed ones "
+    "of condition {} by the same rules that were known when this page was made."
+)
 
 
-@dataclass(frozen=True, slots=True)
-class _Column:
-    name: str
-    phases: PhaseTimes
+class TimedPhase(Enum):
+    """A part of a run, up to `step`, or to the stop if None."""
 
-    @property
-    def total(self) -> float:
-        return sum(self.phases.values())
+    TOUCH = (Step.TOUCH, "start to touch")
+    OPEN = (Step.OPEN, "touch to opening")
+    CROSS = (Step.CROSS, "opening to crossed")
+    CLOSE = (Step.CLOSE, "crossed to closed")
+    LOCK = (Step.LOCK, "closed to locked")
+    REST = (None, "no further step")
 
-    @property
-    def spans(self) -> Iterator[tuple[TimedPhase, Interval]]:
-        ends = list(accumulate(self.phases.values()))
-        yield from zip(self.phases, pairwise((0.0, *ends)), strict=True)
+    def __init__(self, step: Step | None, words: str) -> None:
+        self.step = step
+        self.words = words
 
-    @property
-    def words(self) -> str:
-        parts = (f"{phase.words} {time:.2f} s" for phase, time in self.phases.items())
-        return f"{self.name} {self.total:.2f} s: {', '.join(parts)}"
+
+PhaseTimes = Mapping[TimedPhase, float]
+"""How long each phase was, s; a phase that was not completed is missing."""
 
 
 def phases(scored: Scored, place: PagePlace) -> dict[str, object]:
-    """The phases as the report shows them; without `columns` it shows none."""
+    """Return what the report shows of the phases; without `columns` it shows none."""
     result = scored.result
-    done = {step.step: step.final for step in result.steps if step.final is not None}
-    own = _Column("this run", phases_of(done, result.start, result.stop))
-    if result.outcome is Outcome.ABORTED or not own.phases:
-        return {"columns": ()}
-    columns = [own]
-    best = min((run for run in place.field if _of_team(run, scored)), key=_rank, default=None)
-    if place.field:
-        columns.append(_Column("median", median_phases(run.phases for run in place.field)))
-    if best is not None:
-        columns.append(_Column("team's best other", best.phases))
-    said = "Where the time went. " + "; ".join(column.words for column in columns)
+    done = {one.step: one.final - result.start for one in result.steps if one.final is not None}
+    own = phases_of(done, None if result.stop is None else result.stop - result.start)
+    if result.outcome is Outcome.ABORTED or not any(own.values()):
+        return {"columns": {}}
+
+    columns = {"this run": own}
+    words = []
+    if not place.field:
+        words.append(_NOTHING_TO_COMPARE.format(scored.record.setup.condition.number))
+    else:
+        columns["median"] = median_phases(phases_of(run.steps) for run in place.field)
+        words.append(_median_note(place.field))
+        words += _differences(own, columns["median"], 2 / scored.rows.thresholds.rate)
+    subject = scored.record.setup.subject
+    team = [run for run in place.field if run.summary.subject == subject]
+    if team:
+        best = min(team, key=lambda run: rank(run.summary))
+        columns["team's best other"] = phases_of(best.steps)
+        words.append(_comparison(scored, place, best))
     return {
         "columns": columns,
-        "phase_scale": Scale(0.0, max(1e-3, *(column.total for column in columns))),
-        "phases_spoken": said,
+        "longest": max(sum(times.values()) for times in columns.values()),
         "phases_shown": [
-            phase for phase in TimedPhase if any(phase in column.phases for column in columns)
+            phase for phase in TimedPhase if any(times.get(phase) for times in columns.values())
         ],
-        "time_words": list(_words(scored, place, columns[0])),
-        "median_note": _median_note(place),
-        "comparisons": list(_comparisons(scored, place, best, columns)),
+        "time_words": words,
     }
 
 
-def _of_team(run: ComparedRun, scored: Scored) -> bool:
-    return run.summary.subject == scored.record.setup.subject
+def phases_of(steps: Mapping[Step, float], stop: float | None = None) -> PhaseTimes:
+    """Return the phases of a run, in order; steps and stop in s since the start."""
+    durations = {}
+    last = 0.0
+    for phase in TimedPhase:
+        end = stop if phase.step is None else steps.get(phase.step)
+        if end is not None:
+            # The referee may have confirmed a step that the sensors saw out of order.
+            durations[phase] = max(0.0, end - last)
+            last = max(last, end)
+    return durations
 
 
-def _leads(place: PagePlace, best: ComparedRun) -> bool:
-    """Whether this run is the team's best, before the best of the others."""
-    itself = place.itself
-    return itself is not None and itself.valid and rank(itself) < _rank(best)
+def median_phases(runs: Iterable[PhaseTimes]) -> PhaseTimes:
+    """Return the median of each phase over the runs that completed it."""
+    every = list(runs)
+    medians = {}
+    for phase in TimedPhase:
+        times = [run[phase] for run in every if phase in run]
+        if times:
+            medians[phase] = median(times)
+    return medians
 
 
-def _rank(run: ComparedRun) -> tuple[float, bool, float, float]:
-    return rank(run.summary)
-
-
-def _words(scored: Scored, place: PagePlace, own: _Column) -> Iterator[str]:
-    if (rest := own.phases.get(TimedPhase.REST, 0.0)) > _least(scored):
-        yield f"For the last {rest:.2f} s no further step was done."
-    if not place.field:
-        yield (
-            "There is nothing to compare with. A completed run is compared with the other "
-            f"completed ones of condition {scored.record.setup.condition.number} by the same rules "
-            "that were known when this page was made."
-        )
-
-
-def _least(scored: Scored) -> float:
-    return _ALIKE / scored.rows.thresholds.rate
-
-
-def _median_note(place: PagePlace) -> str:
-    if not place.field:
-        return ""
-    teams = len({run.summary.subject for run in place.field})
-    runs = counted(len(place.field), "other completed run")
-    latest = date_text(max(run.summary.started for run in place.field))
+def _median_note(field: Sequence[ComparedRun]) -> str:
+    teams = len({run.summary.subject for run in field})
+    runs = counted(len(field), "other completed run")
     return (
-        f"Median: of each phase over the {runs} of {counted(teams, 'team')} in this condition, "
-        "of those that brought it to its end. The medians do not add up to one run. Compared with "
-        f"what was known when this page was made; the latest started {latest}."
+        f"Median: of each phase over the {runs} of {counted(teams, 'team')} in this condition that "
+        "were known when this page was made. The medians do not add up to one run."
     )
 
 
-def _comparisons(
-    scored: Scored, place: PagePlace, best: ComparedRun | None, columns: list[_Column]
-) -> Iterator[str]:
-    if place.field:
-        yield from _lost(columns[0], columns[1], _least(scored))
-    if best is not None:
-        yield _beside_best(scored, place, best)
-
-
-def _lost(own: _Column, median: _Column, least: float) -> Iterator[str]:
-    both = [
-        (own.phases[phase] - time, phase)
-        for phase, time in median.phases.items()
-        if phase in own.phases
-    ]
-    if not both:
+def _differences(own: PhaseTimes, medians: PhaseTimes, least: float) -> Iterator[str]:
+    """Name the phases that lost and won most, if by more than `least` s."""
+    differences = sorted(
+        (own[phase] - time, phase.words) for phase, time in medians.items() if phase in own
+    )
+    if not differences:
         return
-    slow, fast = (
-        max(both, key=lambda difference: difference[0]),
-        min(both, key=lambda difference: difference[0]),
-    )
-    said = []
-    if slow[0] > least:
-        said.append(f"most time was lost from {slow[1].words}: {slow[0]:.2f} s")
-    if fast[0] < -least:
-        said.append(f"most was won from {fast[1].words}: {-fast[0]:.2f} s")
-    alike = f"no phase that was ended differs by more than {least:.2f} s"
-    yield f"Beside the median, {'; '.join(said) or alike}."
+    (won, fastest), (lost, slowest) = differences[0], differences[-1]
+    if lost > least:
+        yield f"Beside the median, most time was lost from {slowest}: {lost:.2f} s."
+    if won < -least:
+        yield f"Beside the median, most was won from {fastest}: {-won:.2f} s."
 
 
-def _beside_best(scored: Scored, place: PagePlace, best: ComparedRun) -> str:
+def _comparison(scored: Scored, place: PagePlace, best: ComparedRun) -> str:
+    """Say which is the team's best run: this one, or `best` of the others."""
+    other, itself = best.summary, place.itself
+    words = f"The best of the team's other runs in this condition is run {other.run_number}."
+    if itself is not None and itself.valid and rank(itself) < rank(other):
+        words = (
+            "This is the team's best run in this condition so far; "
+            f"the next is run {other.run_number}."
+        )
     name = IndicatorName.EXECUTION_TIME
-    there, own = best.summary, scored.result.indicators[name]
-    which = f"run {there.run_number}"
-    words = f"The best of the team's other runs in this condition is {which}."
-    if _leads(place, best):
-        words = f"This is the team's best run in this condition so far; the next is {which}."
-    theirs = there.values.get(name)
-    if own.value is not None and theirs is not None:
-        uncertainties = own.uncertainty, there.uncertainties.get(name)
-        if not distinguishable(own.value, theirs, *uncertainties):
-            words += " Their execution times are a tie within the uncertainty."
+    time, other_time = scored.result.indicators[name], other.values.get(name)
+    if time.value is None or other_time is None:
+        return words
+    other_uncertainty = other.uncertainties.get(name)
+    if not distinguishable(time.value, other_time, time.uncertainty, other_uncertainty):
+        words += " Their execution times are a tie within the uncertainty."
     return words

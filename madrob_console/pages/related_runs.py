@@ -6,7 +6,7 @@ import os
 import posixpath
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -29,7 +29,7 @@ from madrob_console.referee.run_summary import RunSummary
 
 if TYPE_CHECKING:
     from madrob_console.archive.scored import Scored
-    from scoring.run_drawings import PhaseTimes
+    from scoring.protocol import Step
 
 _HEAD = 1000  # bytes of a report in which it says what it was made of
 _MADE_OF = re.compile('<meta name="(journal|team)" content="([^"]*)">')
@@ -78,10 +78,13 @@ class LinkedRun:
 
 @dataclass(frozen=True, slots=True)
 class ComparedRun:
-    """A comparable run: completed, same condition, same rules, official or practice too."""
+    """A comparable run: completed, same condition, same rules, official or practice too.
+
+    `steps` are the times of those that count, s since its start.
+    """
 
     summary: RunSummary
-    phases: PhaseTimes
+    steps: Mapping[Step, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +120,7 @@ class RelatedRuns:
 
     def __init__(self) -> None:
         self._runs: dict[Path, tuple[RunSummary, ...]] = {}
-        self._phases: dict[Path, PhaseTimes | None] = {}
+        self._steps: dict[Path, Mapping[Step, float]] = {}
 
     def place_of(self, folder: Path, scored: Scored) -> PagePlace:
         """The place of a page in the run's folder; what cannot be read is left out."""
@@ -167,9 +170,9 @@ class RelatedRuns:
             team=tuple(LinkedRun(run, page(run)) for run in team),
             team_shortened=sum(run.subject == mine.subject for run in others) > len(team),
             field=tuple(
-                ComparedRun(run, phases)
+                ComparedRun(run, steps)
                 for run in field
-                if (phases := self._phases_of(root / run.folder)) is not None
+                if (steps := self._steps_of(root / run.folder))
             ),
             itself=itself,
             earlier=tuple(
@@ -198,16 +201,13 @@ class RelatedRuns:
                 self._runs[root] = ()
         return self._runs[root]
 
-    def _phases_of(self, folder: Path) -> PhaseTimes | None:
-        from scoring.run_drawings import phases_of  # it loads numpy
-
-        if folder not in self._phases:
-            result = read_sound_result(str(folder))
-            phases: PhaseTimes | None = None
-            if result is not None and result.steps:
-                phases = phases_of(result.steps_done, result.start, result.stop)
-            self._phases[folder] = phases
-        return self._phases[folder]
+    def _steps_of(self, folder: Path) -> Mapping[Step, float]:
+        if folder not in self._steps:
+            self._steps[folder] = {}
+            if result := read_sound_result(str(folder)):
+                done = result.steps_done.items()
+                self._steps[folder] = {step: time - result.start for step, time in done}
+        return self._steps[folder]
 
 
 def _others(mine: RunSummary, runs: Iterable[RunSummary]) -> list[RunSummary]:

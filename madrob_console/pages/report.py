@@ -19,7 +19,7 @@ from madrob_console.pages.notes import (
     VOIDED,
     unofficial_words,
 )
-from madrob_console.pages.phases import phases
+from madrob_console.pages.phases import TimedPhase, phases
 from madrob_console.pages.related_runs import NOWHERE, PagePlace
 from madrob_console.pages.templates import NONE, render
 from madrob_console.referee.flags import FlagKind, common_reason, data_remarks, serious, undecided
@@ -29,7 +29,6 @@ from scoring.figure_table import FigureName, FigurePart
 from scoring.indicator_table import IndicatorName
 from scoring.result import Indicator, Result, doubts_of, uncertainty_text
 from scoring.rulesets import ruleset
-from scoring.run_drawings import TimedPhase
 
 _MOST_EVENTS = 30
 """From the beginning, and from the end."""

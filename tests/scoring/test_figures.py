@@ -17,15 +17,12 @@ from numpy.typing import NDArray
 
 from scoring.figure_table import LARGEST_JERK, FigureName, Quantity
 from scoring.figures import MOST_POINTS, figures_of, missing_figures, svg
-from scoring.protocol import PASSAGE_SENSORS, Outcome, Side, Step
+from scoring.protocol import PASSAGE_SENSORS, Outcome, Side
 from scoring.result import Ending, Result
 from scoring.rows import Rows
 from scoring.run_drawings import (
     Lane,
-    TimedPhase,
-    median_phases,
     passage_figure,
-    phases_of,
     stretches,
 )
 from scoring.samples import Sample
@@ -236,40 +233,6 @@ def test_no_number_is_too_large_to_be_drawn(
     )
     for figure in figures_for(result, wild).values():
         assert "nan" not in svg(figure).lower()
-
-
-ALL_DONE = {step: 10.0 + step for step in Step}
-
-
-EACH = dict.fromkeys(TimedPhase, 1.0) | {TimedPhase.OPEN: 2.0}
-
-
-@pytest.mark.parametrize(
-    ("steps", "stop", "phases"),
-    [
-        (ALL_DONE, 17.0, EACH),  # they add up to the run
-        (
-            ALL_DONE | {Step.LOCK: ALL_DONE[Step.CLOSE]},  # a door without a latch
-            15.0,
-            {phase: EACH[phase] for phase in list(TimedPhase)[:4]},
-        ),
-        ({Step.TOUCH: 13.0}, 310.0, {TimedPhase.TOUCH: 3.0, TimedPhase.REST: 297.0}),
-        ({}, None, {}),
-    ],
-)
-def test_phases_are_the_times_between_the_steps_and_what_came_after_the_last(
-    steps: dict[Step, float], stop: float | None, phases: dict[TimedPhase, float]
-) -> None:
-    assert phases_of(steps, 10.0, stop) == phases
-
-
-def test_the_median_is_of_those_runs_that_ended_a_phase() -> None:
-    whole, stuck = (
-        {TimedPhase.TOUCH: 1.0, TimedPhase.OPEN: 4.0},
-        {TimedPhase.TOUCH: 3.0, TimedPhase.REST: 200.0},
-    )
-    assert median_phases([whole, stuck]) == {TimedPhase.TOUCH: 2.0, TimedPhase.OPEN: 4.0}
-    assert median_phases([]) == {}
 
 
 @pytest.fixture(scope="module")

@@ -6,15 +6,17 @@ import math
 import re
 import xml.etree.ElementTree as ET
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from madrob_console.pages.drawings import FAILED, Point, Scale, rows_of_words
+from madrob_console.pages.phases import TimedPhase, median_phases, phases_of
 from madrob_console.pages.site_drawings import value_plots
 from madrob_console.pages.templates import TEMPLATES
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Outcome
+from scoring.protocol import Outcome, Step
 from scoring.result import Uncertainty
 from scoring.run_drawings import Lane, PassageFigure
 from tests.madrob_console.run_folders import summary
@@ -54,6 +56,35 @@ def test_lanes_of_a_sensor_that_stays_occupied_end_with_the_drawing() -> None:
     assert [tuple(map(float, bar)) for bar in bars] == [(50, 10), (20, 10), (10, 90)]
     assert "cw_left[1]: 1.00 to 10.00 s" in svg
     assert "a &amp; b</text>" in svg
+
+
+ALL_DONE = {step: float(step) for step in Step}
+EACH = dict.fromkeys(TimedPhase, 1.0) | {TimedPhase.OPEN: 2.0}  # unlocking is no phase
+
+
+@pytest.mark.parametrize(
+    ("steps", "stop", "phases"),
+    [
+        (ALL_DONE, 7.0, EACH),
+        (  # a door without a latch
+            ALL_DONE | {Step.LOCK: ALL_DONE[Step.CLOSE]},
+            5.0,
+            EACH | {TimedPhase.LOCK: 0.0, TimedPhase.REST: 0.0},
+        ),
+        ({Step.TOUCH: 3.0}, 300.0, {TimedPhase.TOUCH: 3.0, TimedPhase.REST: 297.0}),
+        ({Step.TOUCH: 3.0}, None, {TimedPhase.TOUCH: 3.0}),
+    ],
+)
+def test_phases_are_the_times_between_the_steps(
+    steps: dict[Step, float], stop: float | None, phases: dict[TimedPhase, float]
+) -> None:
+    assert phases_of(steps, stop) == phases
+
+
+def test_the_median_is_of_those_runs_that_ended_a_phase() -> None:
+    whole = {TimedPhase.TOUCH: 1.0, TimedPhase.OPEN: 4.0}
+    stuck = {TimedPhase.TOUCH: 3.0}
+    assert median_phases([whole, stuck]) == {TimedPhase.TOUCH: 2.0, TimedPhase.OPEN: 4.0}
 
 
 FORCE = IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION
