@@ -24,8 +24,6 @@ class PanelSpec:
     Attributes:
         least: an axis of few rows spans at least this much, so that noise looks like noise.
         clip: absolute values are drawn, at most this large; None = values as they are.
-        peak: whether the largest absolute value is the indicator.
-        unrecorded: why there is no figure without recorded values; empty = it is derived.
     """
 
     name: str
@@ -36,8 +34,6 @@ class PanelSpec:
     least: float
     clip: float | None = None
     closed_zone: bool = False
-    peak: bool = False
-    unrecorded: str = ""
 
 
 class Quantity(NamedRow):
@@ -51,7 +47,6 @@ class Quantity(NamedRow):
         unit="rad",
         least=0.1,
         closed_zone=True,
-        unrecorded="no door angle was recorded during the run",
     )
     ACCELERATION = PanelSpec(
         name="acceleration",
@@ -59,7 +54,6 @@ class Quantity(NamedRow):
         unit="rad/s^2",
         filtered="low-passed",
         least=0.1,
-        peak=True,
     )
     JERK = PanelSpec(
         name="jerk", label="abs jerk", unit="rad/s^3", least=LARGEST_JERK, clip=LARGEST_JERK
@@ -70,8 +64,6 @@ class Quantity(NamedRow):
         unit="N",
         remark="as recorded",
         least=1.0,
-        peak=True,
-        unrecorded="no handle force was recorded during the run",
     )
 
 
@@ -92,7 +84,6 @@ class FigureSpec:
     panels: tuple[Quantity, ...]
     indicator: IndicatorName
     meaning: str
-    caption: str
     part: FigurePart = FigurePart.WHOLE
 
 
@@ -102,10 +93,6 @@ _OF_THE_JERK = FigureSpec(
     panels=(Quantity.POSITION, Quantity.JERK),
     indicator=IndicatorName.SMOOTHNESS_OF_DOOR_ACTUATION,
     meaning="10/mean abs jerk",
-    caption=(
-        "Door angle, and how abruptly its acceleration changes while the door is open (jerk). "
-        "Smoothness is 10 divided by the mean."
-    ),
 )
 
 
@@ -120,24 +107,18 @@ class FigureName(NamedRow):
         panels=(Quantity.POSITION, Quantity.ACCELERATION),
         indicator=IndicatorName.UNSAFETY_OF_DOOR_OPERATION,
         meaning="the maximum",
-        caption=(
-            "Door angle, and angular acceleration without its quick trembling. The largest "
-            "value, in either direction, is the unsafety."
-        ),
     )
     JERK = _OF_THE_JERK
     JERK_OF_THE_OPENING = replace(
         _OF_THE_JERK,
         name="figure_3_jerk_of_the_opening",
         title="jerk while the door opens",
-        caption="The same, from the first opening until wide open.",
         part=FigurePart.OPENING,
     )
     JERK_OF_THE_CLOSING = replace(
         _OF_THE_JERK,
         name="figure_4_jerk_of_the_closing",
         title="jerk while the door closes",
-        caption="The same, from wide open until the last closing.",
         part=FigurePart.CLOSING,
     )
     FORCE = FigureSpec(
@@ -146,10 +127,6 @@ class FigureName(NamedRow):
         panels=(Quantity.FORCE,),
         indicator=IndicatorName.ROUGHNESS_OF_DOOR_ACTUATION,
         meaning="the maximum",
-        caption=(
-            "Force on the handle as recorded. The largest value, in either direction, is the "
-            "roughness."
-        ),
     )
 
     @property

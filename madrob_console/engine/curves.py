@@ -85,7 +85,27 @@ def curves_of(result: Result, rows: Rows) -> Curves:
 
 
 def _curve(time: Array, value: Array, start: float, rows: Rows) -> tuple[Curve, ...]:
-    from scoring.run_drawings import stretches
+    """The finite values; one that is not, or a gap, ends a stretch."""
+    import numpy as np
 
-    parts = stretches(time - start, value, rows.thresholds.largest_gap, MOST_CURVE_POINTS)
-    return tuple(Curve(tuple(t.tolist()), tuple(v.tolist())) for t, v in parts)
+    finite = np.flatnonzero(np.isfinite(time) & np.isfinite(value))
+    time = time[finite] - start
+    value = value[finite]
+    broken = (np.diff(time) > rows.thresholds.largest_gap) | (np.diff(finite) > 1)
+    kept = _extremes(value)
+    borders = np.searchsorted(kept, np.flatnonzero(broken) + 1)
+    parts = zip(np.split(time[kept], borders), np.split(value[kept], borders), strict=True)
+    return tuple(Curve(tuple(t.tolist()), tuple(v.tolist())) for t, v in parts if t.size)
+
+
+def _extremes(value: Array) -> NDArray[np.intp]:
+    """The rows that stay: all of few, else the smallest and the largest of each part."""
+    import numpy as np
+
+    if value.size <= MOST_CURVE_POINTS:
+        return np.arange(value.size)
+    width = -(-value.size // (MOST_CURVE_POINTS // 2))
+    padded = np.pad(value, (0, -value.size % width), mode="edge")
+    parts = padded.reshape(-1, width)
+    first = np.arange(len(parts)) * width
+    return np.union1d(first + parts.argmin(axis=1), first + parts.argmax(axis=1))

@@ -44,7 +44,7 @@ def phases(scored: Scored, place: PagePlace) -> dict[str, object]:
     result = scored.result
     done = {one.step: one.final - result.start for one in result.steps if one.final is not None}
     own = phases_of(done, None if result.stop is None else result.stop - result.start)
-    if result.outcome is Outcome.ABORTED or not any(own.values()):
+    if result.outcome is Outcome.ABORTED or not own:
         return {"columns": {}}
 
     columns = {"this run": own}
@@ -61,26 +61,27 @@ def phases(scored: Scored, place: PagePlace) -> dict[str, object]:
         best = min(team, key=lambda run: rank(run.summary))
         columns["team's best other"] = phases_of(best.steps)
         words.append(_comparison(scored, place, best))
+    known = set().union(*columns.values())
     return {
         "columns": columns,
         "longest": max(sum(times.values()) for times in columns.values()),
-        "phases_shown": [
-            phase for phase in TimedPhase if any(times.get(phase) for times in columns.values())
-        ],
+        "phases_shown": [phase for phase in TimedPhase if phase in known],
         "time_words": words,
     }
 
 
 def phases_of(steps: Mapping[Step, float], stop: float | None = None) -> PhaseTimes:
-    """Return the phases of a run, in order; steps and stop in s since the start."""
+    """Return the phases of a run, in order; steps and stop in s since the start.
+
+    A phase that took no time is left out, such as the locking of a door without a latch.
+    """
     durations = {}
     last = 0.0
     for phase in TimedPhase:
         end = stop if phase.step is None else steps.get(phase.step)
-        if end is not None:
-            # The referee may have confirmed a step that the sensors saw out of order.
-            durations[phase] = max(0.0, end - last)
-            last = max(last, end)
+        if end is not None and end > last:
+            durations[phase] = end - last
+            last = end
     return durations
 
 
@@ -111,7 +112,8 @@ def _differences(own: PhaseTimes, medians: PhaseTimes, least: float) -> Iterator
     )
     if not differences:
         return
-    (won, fastest), (lost, slowest) = differences[0], differences[-1]
+    won, fastest = differences[0]
+    lost, slowest = differences[-1]
     if lost > least:
         yield f"Beside the median, most time was lost from {slowest}: {lost:.2f} s."
     if won < -least:
@@ -120,7 +122,8 @@ def _differences(own: PhaseTimes, medians: PhaseTimes, least: float) -> Iterator
 
 def _comparison(scored: Scored, place: PagePlace, best: ComparedRun) -> str:
     """Say which is the team's best run: this one, or `best` of the others."""
-    other, itself = best.summary, place.itself
+    other = best.summary
+    itself = place.itself
     words = f"The best of the team's other runs in this condition is run {other.run_number}."
     if itself is not None and itself.valid and rank(itself) < rank(other):
         words = (
@@ -128,7 +131,8 @@ def _comparison(scored: Scored, place: PagePlace, best: ComparedRun) -> str:
             f"the next is run {other.run_number}."
         )
     name = IndicatorName.EXECUTION_TIME
-    time, other_time = scored.result.indicators[name], other.values.get(name)
+    time = scored.result.indicators[name]
+    other_time = other.values.get(name)
     if time.value is None or other_time is None:
         return words
     other_uncertainty = other.uncertainties.get(name)

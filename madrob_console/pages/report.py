@@ -30,6 +30,8 @@ from scoring.indicator_table import IndicatorName
 from scoring.result import Indicator, Result, doubts_of, uncertainty_text
 from scoring.rulesets import ruleset
 
+NO_MATPLOTLIB = "they need matplotlib: install madrob-console with its extra `report`"
+
 _MOST_EVENTS = 30
 """From the beginning, and from the end."""
 
@@ -67,8 +69,6 @@ def report_html(
 
     `software` is the version that makes it; empty = the one that recorded the run.
     """
-    from madrob_console.pages.report_pictures import figures  # it loads matplotlib
-
     run, result, record = scored.run, scored.result, scored.record
     return render(
         "report.html",
@@ -86,7 +86,6 @@ def report_html(
         quality_columns=_QUALITY,
         quality_remarks=data_remarks(result.quality),
         pictures=pictures(shown),
-        figures=figures(scored),
         events=_events(result, anchors(shown)),
         issued=_issued(run.reissues, place.earlier),
         issues_left_out=max(0, len(run.reissues) - _MOST_ISSUES),
@@ -95,8 +94,21 @@ def report_html(
         phase_ends=[phase.words for phase in TimedPhase if phase.step is not None],
         **_indicators(result.indicators),
         **phases(scored, place),
+        **_figures(scored),
         **_top(scored),
     )
+
+
+def _figures(scored: Scored) -> dict[str, object]:
+    """Return what the report shows of the figures: those that are drawn, and why others are not."""
+    shown: dict[str, object] = {"touch_force": scored.rows.thresholds.touch_force}
+    try:
+        from madrob_console.pages.report_figures import figures
+        from scoring.figures import missing_figures
+    except ModuleNotFoundError:
+        return shown | {"figures": {}, "missing": dict.fromkeys(FigureName, NO_MATPLOTLIB)}
+    missing = missing_figures(scored.result, scored.rows)
+    return shown | {"figures": figures(scored), "missing": missing}
 
 
 def _indicators(indicators: Mapping[IndicatorName, Indicator]) -> dict[str, object]:

@@ -12,7 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from madrob_console.common.names import terminal_safe
-from madrob_console.pages.drawings import FAILED
+from madrob_console.pages.site_drawings import FAILED
 from madrob_console.referee.acts.during import RULED
 from madrob_console.referee.run_summary import condition_words
 from scoring.indicator_table import unit_text

@@ -1,24 +1,29 @@
-"""Drawings of pages: each is an SVG element as wide as its place, with its words."""
+"""What pages draw: phases of a run, its passage sensors, values of many runs."""
 
 from __future__ import annotations
 
 import math
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.axes import Axes
 
-from madrob_console.pages.drawings import FAILED, Point, Scale, rows_of_words
+from madrob_console.archive.scored import Scored, score_opened
 from madrob_console.pages.phases import TimedPhase, median_phases, phases_of
-from madrob_console.pages.site_drawings import value_plots
+from madrob_console.pages.report_figures import passage_figure
+from madrob_console.pages.site_drawings import FAILED, value_plots
 from madrob_console.pages.templates import TEMPLATES
 from madrob_console.referee.run_summary import RunSummary
+from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName
-from scoring.protocol import Outcome, Step
+from scoring.protocol import PASSAGE_SENSORS, EventName, Outcome, Side, Step
 from scoring.result import Uncertainty
-from scoring.run_drawings import Lane, PassageFigure
+from tests.madrob_console.recorded_runs import recorded
 from tests.madrob_console.run_folders import summary
 
 DRAWINGS = TEMPLATES.get_template("drawings.html").module
@@ -32,30 +37,60 @@ def drawn(name: str, *of: object) -> str:
     return svg
 
 
-@given(st.lists(st.floats(0, 10), max_size=6))
-def test_no_words_meet_others_in_their_row(times: list[float]) -> None:
-    marks = [(time, "approach CCW") for time in sorted(times)]
-    rows = rows_of_words(marks, Scale(0.0, 10.0))
-    places = [(row, round(time, 6)) for (time, _), row in zip(marks, rows, strict=True)]
-    assert len(set(places)) == len(places)
-    assert max(rows, default=0) < max(1, len(times))
+@pytest.fixture(scope="module")
+def scored() -> Scored:
+    """A whole run through the door, from side CCW to side CW."""
+    return score_opened(recorded(Scenario.NOMINAL))
 
 
-def test_lanes_of_a_sensor_that_stays_occupied_end_with_the_drawing() -> None:
-    lanes = (
-        Lane("occupation", ((5.0, 6.0),)),
-        Lane("door open", ()),
-        Lane("cw_left[1]", ((1.0, math.inf),), ((2.0, 3.0),)),
-        Lane("ccw_left[1]", ()),
-    )
-    found = PassageFigure((0.0, 10.0), lanes, ((1.0, "approach CW"), (9.0, "a & b")))
-    scale = Scale(*found.window)
-    svg = drawn("passage_lanes", found, scale, rows_of_words(found.marks, scale), 18)
-    assert "inf" not in svg
-    bars = re.findall(r'<rect x="([0-9.]+)%"[^>]*width="([0-9.]+)%"', svg)
-    assert [tuple(map(float, bar)) for bar in bars] == [(50, 10), (20, 10), (10, 90)]
-    assert "cw_left[1]: 1.00 to 10.00 s" in svg
-    assert "a &amp; b</text>" in svg
+def bars(axes: Axes) -> dict[str, list[tuple[float, float]]]:
+    """From and to of the bars beside each name, s since the start."""
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
+    for one in axes.collections:
+        for path in () if one.get_hatch() else one.get_paths():
+            box = path.get_extents()
+            found[names[round((box.y0 + box.y1) / 2)]].append((box.x0, box.x1))
+    return found
+
+
+def test_each_passage_sensor_has_a_lane_below_the_occupation(scored: Scored) -> None:
+    result, rows = scored.result, scored.rows
+    found = bars(passage_figure(scored).axes[0])
+    times = {event.event: event.since_start for event in result.events}
+    passed = times[EventName.approaches(Side.CCW)], times[EventName.moves_to(Side.CW)]
+    assert found.pop("occupation") == [pytest.approx(passed)]
+    assert [name.partition("_")[0] for name in found] == ["ccw"] * 5 + ["cw"] * 5
+    assert any(found.values())
+    for sensor in PASSAGE_SENSORS:
+        spans = np.array(rows.occupied.get(sensor, ())).reshape(-1, 2) - result.start
+        drawn = np.array(found[f"{sensor.strip}[{sensor.element}]"]).reshape(-1, 2)
+        np.testing.assert_allclose(drawn, spans, atol=1e-6)
+
+
+def test_a_sensor_is_hatched_while_the_panel_passes_under_it(scored: Scored) -> None:
+    rows = scored.rows
+    axes = passage_figure(scored).axes[0]
+    hatched = [one for one in axes.collections if one.get_hatch()]
+    in_order = sorted(PASSAGE_SENSORS, key=lambda sensor: sensor.side is Side.CW)
+    time = rows.joint_state.time - scored.result.start
+    assert any(one.get_paths() for one in hatched)
+    for sensor, one in zip(in_order, hatched, strict=True):
+        boxes = [path.get_extents() for path in one.get_paths()]
+        drawn = [any(box.x0 <= t <= box.x1 for box in boxes) for t in time]
+        angles = rows.joint_state.position
+        assert drawn == [
+            rows.thresholds.masked(sensor.side, sensor.index, angle) for angle in angles
+        ]
+
+
+def test_a_robot_that_stays_under_a_sensor_is_drawn_to_the_end(scored: Scored) -> None:
+    stays = {PASSAGE_SENSORS[0]: ((scored.result.start + 1.0, math.inf),)}
+    no_door = scored.rows.joint_state.cut(0.0, 0.0)
+    rows = replace(scored.rows, occupied=stays, joint_state=no_door)
+    figure = passage_figure(replace(scored, rows=rows))
+    ((begin, end),) = bars(figure.axes[0])["cw_right[3]"]
+    assert (begin, end) == pytest.approx((1.0, figure.axes[0].get_xlim()[1]))
 
 
 ALL_DONE = {step: float(step) for step in Step}
@@ -69,7 +104,7 @@ EACH = dict.fromkeys(TimedPhase, 1.0) | {TimedPhase.OPEN: 2.0}  # unlocking is n
         (  # a door without a latch
             ALL_DONE | {Step.LOCK: ALL_DONE[Step.CLOSE]},
             5.0,
-            EACH | {TimedPhase.LOCK: 0.0, TimedPhase.REST: 0.0},
+            {phase: EACH[phase] for phase in list(TimedPhase)[:4]},
         ),
         ({Step.TOUCH: 3.0}, 300.0, {TimedPhase.TOUCH: 3.0, TimedPhase.REST: 297.0}),
         ({Step.TOUCH: 3.0}, None, {TimedPhase.TOUCH: 3.0}),
@@ -142,7 +177,3 @@ def test_of_very_many_runs_the_latest_are_drawn_and_all_are_counted() -> None:
     assert plot.rows[0].completed == 499
     assert plot.rows[0].points[-1].value == 499
     assert len(plot.rows[0].points) < 200
-
-
-def test_a_point_beyond_the_scale_is_drawn_at_its_edge() -> None:
-    assert Scale.of([Point(5.0, completed=True)]).at(1e9) == 100
