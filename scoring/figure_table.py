@@ -1,4 +1,4 @@
-"""The figures: what each shows, explains and marks, in one table (protocol section 6).
+"""The figures: what each shows and marks, in one table (protocol section 6).
 
 Two renderers draw them: `scoring.figures` with matplotlib draws the five of the protocol
 document for one run; the console's screens draw them into cells. NumPy is not imported here.
@@ -22,7 +22,10 @@ class PanelSpec:
     """How a quantity is drawn over time.
 
     Attributes:
-        least: an axis of few rows spans at least this much, so that noise looks like noise.
+        label: what stands beside the axis.
+        filtered: how the values were filtered, before the label.
+        remark: what else a screen says of the curve.
+        least: the axis spans at least this much, so that noise looks like noise.
         clip: absolute values are drawn, at most this large; None = values as they are.
     """
 
@@ -33,7 +36,6 @@ class PanelSpec:
     remark: str = ""
     least: float
     clip: float | None = None
-    closed_zone: bool = False
 
 
 class Quantity(NamedRow):
@@ -42,29 +44,20 @@ class Quantity(NamedRow):
     spec: PanelSpec
 
     POSITION = PanelSpec(
-        name="position",
-        label="position",
-        unit="rad",
-        least=0.1,
-        closed_zone=True,
+        name="position", label="position", unit="rad", remark="closed zone dotted", least=0.1
     )
     ACCELERATION = PanelSpec(
-        name="acceleration",
-        label="acceleration",
-        unit="rad/s^2",
-        filtered="low-passed",
-        least=0.1,
+        name="acceleration", label="acceleration", unit="rad/s^2", filtered="low-passed", least=0.1
     )
     JERK = PanelSpec(
-        name="jerk", label="abs jerk", unit="rad/s^3", least=LARGEST_JERK, clip=LARGEST_JERK
+        name="jerk",
+        label="abs jerk",
+        unit="rad/s^3",
+        remark=f"clipped at {LARGEST_JERK:g}",
+        least=LARGEST_JERK,
+        clip=LARGEST_JERK,
     )
-    FORCE = PanelSpec(
-        name="force",
-        label="force",
-        unit="N",
-        remark="as recorded",
-        least=1.0,
-    )
+    FORCE = PanelSpec(name="force", label="force", unit="N", remark="as recorded", least=1.0)
 
 
 class FigurePart(Enum):
@@ -77,7 +70,7 @@ class FigurePart(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FigureSpec:
-    """One or two panels over a common time axis; the indicator follows from the last one."""
+    """One or two panels over a common time axis; `meaning` says how the indicator follows."""
 
     name: str
     title: str
@@ -135,7 +128,7 @@ class FigureName(NamedRow):
 
 
 class EventMark(StrEnum):
-    """The events that figures mark; their first letters differ except for `letter`."""
+    """The events that figures mark; each has a letter of its own."""
 
     TOUCH = "touch"
     OPENING = "opening"
@@ -146,26 +139,25 @@ class EventMark(StrEnum):
     def letter(self) -> str:
         return "x" if self is EventMark.CROSSING else self[0]
 
-    def event(self, condition: Condition | None) -> EventName | None:
-        """The marked event; None for a crossing if the run's condition is not known."""
-        match self:
-            case EventMark.TOUCH:
-                return EventName.HANDLE_IS_TOUCHED
-            case EventMark.OPENING:
-                return EventName.DOOR_OPENS
-            case EventMark.CROSSING:
-                return None if condition is None else EventName.moves_to(condition.destination_side)
-            case EventMark.CLOSING:
-                return EventName.DOOR_CLOSES
-
 
 def marked_events(
     events: Iterable[tuple[float, str]], condition: Condition | None
 ) -> dict[EventMark, list[float]]:
-    """The times of the marked events that happened; `events` are in order of time."""
-    in_order = list(events)
-    marked = {
-        mark: [time for time, name in in_order if name == mark.event(condition)]
-        for mark in EventMark
+    """Return the times of the marked events that happened, by their marks.
+
+    Args:
+        events: times, s, and names, in order of time.
+        condition: says which side a crossing ends on; None = no crossing is marked.
+    """
+    marks: dict[str, EventMark] = {
+        EventName.HANDLE_IS_TOUCHED: EventMark.TOUCH,
+        EventName.DOOR_OPENS: EventMark.OPENING,
+        EventName.DOOR_CLOSES: EventMark.CLOSING,
     }
+    if condition is not None:
+        marks[EventName.moves_to(condition.destination_side)] = EventMark.CROSSING
+    marked: dict[EventMark, list[float]] = {mark: [] for mark in EventMark}
+    for time, name in events:
+        if name in marks:
+            marked[marks[name]].append(time)
     return {mark: times for mark, times in marked.items() if times}

@@ -82,7 +82,7 @@ class Sheet:
             spec.least,
             absolute=spec.clip is not None,
             clip=spec.clip or LARGEST,
-            zone=self.snapshot.door.closed_angle if spec.closed_zone else None,
+            zone=self.snapshot.door.closed_angle if quantity is Quantity.POSITION else None,
         )
 
     def _title(self, width: int) -> Line:
@@ -113,15 +113,9 @@ class Sheet:
         where = "" if top.time in self.window else ", not in this part"
         return line(
             name,
-            Span(_remark(panel), Tone.DIM),
+            Span(f" ({panel.remark})" if panel.remark else "", Tone.DIM),
             f"   {largest} {value_text(abs(top.value))} at {top.time:.2f} s{where}",
         )
-
-
-def _remark(panel: PanelSpec) -> str:
-    clipped = f"clipped at {panel.clip:g}" if panel.clip is not None else ""
-    remark = panel.remark or clipped or ("closed zone dotted" if panel.closed_zone else "")
-    return f" ({remark})" if remark else ""
 
 
 def _legend(events: Mapping[EventMark, Sequence[float]]) -> Line:
