@@ -81,7 +81,7 @@ _COLUMNS = {
     "wrench": ("time", "force_x"),
     "jointState": ("time", "position", "velocity", "acceleration"),
 }
-"""Of each csv file, by its name; the last column but time tells one file from the others."""
+"""Of each csv file, by its name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -353,26 +353,13 @@ def read_run(folder: Path, prefix: str) -> EurobenchRun:
     return replace(run, condition=condition, run_info=info)
 
 
-def read_files(paths: Sequence[Path]) -> EurobenchRun:
-    """Read one run of its event, wrench, jointState and condition file, in any order.
+def read_files(event: Path, wrench: Path, joint_state: Path, condition: Path) -> EurobenchRun:
+    """Read one run of its event, wrench, jointState and condition file.
 
     Raises:
         ScoringError: it cannot be read; the message names the file, and the line or the column.
     """
-    found: dict[str, Path] = {}
-    others = []
-    for path in paths:
-        header = _read_text(path).lstrip().partition("\n")[0]
-        kind = next((kind for kind, columns in _COLUMNS.items() if columns[1] in header), None)
-        if kind is None or kind in found:
-            others.append(path)
-        else:
-            found[kind] = path
-    missing = [kind for kind in _COLUMNS if kind not in found]
-    # the order tells what a file should be whose header does not
-    found |= dict(zip(missing, others, strict=False))
-    condition = others[len(missing)]
-    run = _read_tables(found)
+    run = _read_tables({"event": event, "wrench": wrench, "jointState": joint_state})
     return replace(run, condition=condition_from(_read_mapping(condition), str(condition)))
 
 
@@ -508,11 +495,7 @@ def run_files(
     rows: Rows,
     indicators: Mapping[IndicatorName, Indicator],
 ) -> dict[str, bytes]:
-    """EUROBENCH's files of a run by name; `rows` are cut as the ruleset wants it.
-
-    Raises:
-        ScoringError: a setting has no form in YAML.
-    """
+    """EUROBENCH's files of a run by name; `rows` are cut as the ruleset wants it."""
     joint = rows.joint_state
     tables: dict[str, dict[str, Any]] = {
         "event": {"time": [e.time for e in events], "event": [e.name.value for e in events]},
@@ -551,7 +534,4 @@ def indicator_files(
 
 
 def _yaml(content: Mapping[str, object]) -> str:
-    try:
-        return yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True)
-    except yaml.YAMLError:
-        raise ScoringError("run info: a setting has no YAML form: use plain types") from None
+    return yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True)

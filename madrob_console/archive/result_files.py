@@ -12,10 +12,9 @@ from madrob_console.archive.file_digests import digests_of
 from madrob_console.archive.folders import RESULT_FILE, RESULT_FORMAT
 from madrob_console.archive.result_document import MANUAL_START, ResultDocument
 from madrob_console.archive.scored import Scored
-from madrob_console.common.errors import MadrobError
 from scoring.eurobench import run_files
 from scoring.libraries import libraries_here
-from scoring.protocol import Event, Outcome, ScoringError
+from scoring.protocol import Event, Outcome
 from scoring.result import Result
 from scoring.run_info import RunInfo
 
@@ -108,12 +107,9 @@ def eurobench_files(name: str, scored: Scored) -> dict[str, bytes]:
             else None
         ),
     )
-    try:
-        return run_files(
-            info,
-            [Event(event.time, event.event) for event in result.events],
-            rows,
-            {} if result.outcome is Outcome.ABORTED else result.indicators,
-        )
-    except ScoringError as error:
-        raise MadrobError(str(error)) from None
+    return run_files(
+        info,
+        [Event(event.time, event.event) for event in result.events],
+        rows,
+        {} if result.outcome is Outcome.ABORTED else result.indicators,
+    )

@@ -22,7 +22,7 @@ def main() -> int:
     parser = Parser(
         prog="run_madrob",
         description="Writes a YAML file for each indicator into FOLDER, by the rules of "
-        "eurobench-2020. The headers say which file is which; where they do not, the order does.",
+        "eurobench-2020.",
         epilog="example:\n  run_madrob event.csv wrench.csv jointState.csv condition_1.yaml out",
     )
     for name, text in _FILES:
@@ -38,8 +38,8 @@ def _score_files(arguments: argparse.Namespace) -> int:
     from scoring.eurobench import evaluate_published, indicator_files, read_files
     from scoring.rulesets import RulesetName
 
-    inputs = (arguments.event, arguments.wrench, arguments.joint_state, arguments.condition)
-    result, _ = evaluate_published(read_files(inputs))
+    run = read_files(arguments.event, arguments.wrench, arguments.joint_state, arguments.condition)
+    result, _ = evaluate_published(run)
     folder: Path = arguments.folder
     make_folder(folder, "name another")
     atomic_writes(folder, indicator_files(result.indicators, RulesetName.EUROBENCH_2020))

@@ -87,7 +87,7 @@ def test_a_recording_has_the_values_of_the_scripts(recorded: Path) -> None:
 
 
 def test_its_files_have_the_same_values(recorded: Path) -> None:
-    result, _ = evaluate_published(read_files(files_in(recorded)))
+    result, _ = evaluate_published(read_files(*files_in(recorded)))
     assert result.outcome is Outcome.COMPLETED
     for name, one in result.indicators.items():
         written = yaml.safe_load((recorded / f"{name}.yaml").read_text())
@@ -98,7 +98,7 @@ def test_without_a_stop_the_last_step_ends_the_run(recorded: Path) -> None:
     events = files_in(recorded)[0]
     kept = [line for line in events.read_text().splitlines() if "benchmark_stop" not in line]
     events.write_text("\n".join(kept))
-    result, _ = evaluate_published(read_files(files_in(recorded)))
+    result, _ = evaluate_published(read_files(*files_in(recorded)))
     assert result.outcome is Outcome.COMPLETED
     assert result.stop == pytest.approx(START + 11.05, abs=0.05)
 
