@@ -106,7 +106,9 @@ def run_prefixes(names: Iterable[str]) -> list[str]:
     return sorted({match[1] for name in names if (match := _RUN_FILE.fullmatch(name))})
 
 
-def numbers_of(prefix: str) -> tuple[int, int, int] | None:
-    """Subject, condition and run number; None for a text that is no prefix."""
+def numbers_of(prefix: str) -> tuple[int, int, int]:
+    """Return subject, condition and run number; ScoringError for a text that is no prefix."""
     match = _RUN_FILE.fullmatch(f"{prefix}_event.csv")
-    return None if match is None else (int(match[2]), int(match[3]), int(match[4]))
+    if match is None:
+        raise ScoringError(f"{prefix!r} names no run: use subject_SSS_cond_CCC_run_RRR")
+    return int(match[2]), int(match[3]), int(match[4])

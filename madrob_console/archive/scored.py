@@ -127,7 +127,7 @@ def score_run(run: RunPath, rules: Sequence[RulesetName | None]) -> tuple[Scored
                 raise ScoringError("csv files are scored by eurobench-2020: protocol needs the bag")
             pairs = [evaluate_published(published)] * len(rules)
             condition = published.condition
-            subject, _, number = numbers_of(run.prefix) or (None, 0, None)
+            subject, _, number = numbers_of(run.prefix)
             label = RunLabel(subject, "", condition.number, number)
             flags = [_flags_of(published) for _ in pairs]
         else:

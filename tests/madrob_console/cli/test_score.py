@@ -242,7 +242,7 @@ def test_published_files_are_scored_by_the_rules_of_2020(tmp_path: Path, madrob:
     (run,) = scored(madrob, tmp_path)
     assert run["ruleset"] == "eurobench-2020"
     assert run["quality"]["remarks"] == [
-        "scored from published files: events and acceleration as they stand there",
+        "scored from published files: events and acceleration as they stand there, no steps",
         "the files were made by protocol: the recording gives other values",
     ]
     refusal = madrob.refusal("score --ruleset protocol", tmp_path)
