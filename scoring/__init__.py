@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from scoring.arrays import Evaluation, evaluate
+    from scoring.indicator_table import RulesetName
     from scoring.protocol import BenchmarkType, Condition, ScoringError, Side, Thresholds
     from scoring.result import Result
-    from scoring.rulesets import RulesetName
 
 __all__ = [
     "BenchmarkType",
@@ -37,7 +37,7 @@ __all__ = [
     "evaluate",
 ]
 
-_MODULES = ("protocol", "rulesets", "result", "arrays")
+_MODULES = ("protocol", "indicator_table", "result", "arrays")
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401  whatever is asked for

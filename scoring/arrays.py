@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from scoring.assessment import Assessment
+from scoring.indicator_table import RulesetName
+from scoring.indicator_table import ruleset as ruleset_called
 from scoring.kinematics import Array
 from scoring.protocol import (
     LIMITS,
@@ -23,8 +25,6 @@ from scoring.protocol import (
 )
 from scoring.result import Ending, Result
 from scoring.rows import Rows
-from scoring.rulesets import RulesetName
-from scoring.rulesets import ruleset as ruleset_called
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 if TYPE_CHECKING:

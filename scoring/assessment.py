@@ -13,14 +13,13 @@ from dataclasses import replace
 from scoring import indicators as pi
 from scoring.doubts import Grounds, by_indicator, doubted, edge_doubts, information
 from scoring.events import EventDetector
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.procedure import Procedure, Ruling, follow_procedure
 from scoring.protocol import Condition, Event, EventName, LockDetection, Outcome, Signal, Thresholds
 from scoring.quality import Quality
 from scoring.rest import RestForce, rest_force
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows, process_rows
-from scoring.rulesets import RulesetName
 from scoring.samples import HandleSample, Sample
 from scoring.series import SignalLog, Signals, WholeSeries, passage_series, signal_quality
 from scoring.stamps import ReorderBuffer, StampGuard

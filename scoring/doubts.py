@@ -13,7 +13,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from scoring.braking import largest_brake
 from scoring.edges import DecidingEdge, EdgeKind
 from scoring.indicator_table import IndicatorName as Name
 from scoring.kinematics import Array
@@ -29,6 +28,7 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.result import Indicator, Uncertainty, value_text
+from scoring.run_info import largest_brake
 from scoring.series import Flags, Series, SignalLog
 from scoring.uncertainty import Recorded
 

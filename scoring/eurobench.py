@@ -16,6 +16,7 @@ from scipy import signal
 
 from scoring.edges import Edge
 from scoring.indicator_table import IndicatorName as Name
+from scoring.indicator_table import RulesetName
 from scoring.indicators import (
     NEVER_CLOSED,
     NEVER_THROUGH,
@@ -51,7 +52,6 @@ from scoring.protocol import (
 from scoring.quality import Quality
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows
-from scoring.rulesets import RulesetName
 from scoring.run_info import (
     CONDITION_KEYS,
     RunInfo,

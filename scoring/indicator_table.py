@@ -1,4 +1,4 @@
-"""The performance indicators: all that is said of each (protocol section 6).
+"""The performance indicators, all that is said of each (protocol section 6), and the rulesets.
 
 Results, screens, reports, standings and files ask here. A new indicator is a row here and its
 computation in `indicators`; one without a row cannot be imported.
@@ -7,8 +7,9 @@ computation in `indicators`; one without a row cannot be imported.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
-from scoring.protocol import NamedRow
+from scoring.protocol import NamedRow, ScoringError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,3 +146,35 @@ WITH_EXTREMES = ", ".join(name.words for name in IndicatorName if name.spec.extr
 def unit_text(unit: str) -> str:
     """The unit as people write it: `rad/s²`."""
     return unit.replace("^2", "²").replace("^3", "³")
+
+
+class RulesetName(StrEnum):
+    """The rules by which signals become indicators, as results name them (section 9)."""
+
+    PROTOCOL = "protocol"
+    EUROBENCH_2020 = "eurobench-2020"
+
+    def explanation(self, name: IndicatorName) -> str:
+        """What an indicator means by these rules, for readers who do not know them."""
+        if self is RulesetName.EUROBENCH_2020 and name in _BY_THE_SCRIPTS:
+            return _BY_THE_SCRIPTS[name]
+        return name.spec.explanation
+
+
+_BY_THE_SCRIPTS = {
+    IndicatorName.EXECUTION_TIME: (
+        "From the start of the run until the door was closed and the robot through, whichever "
+        "came later."
+    ),
+    IndicatorName.CAPABILITY_LEVEL: (
+        "How many of four things happened, in any order: arrival, touch, passage, closing."
+    ),
+}
+
+
+def ruleset(name: str) -> RulesetName:
+    """Return the ruleset of a name; `ScoringError` unless there is one."""
+    if name not in [*RulesetName]:
+        allowed = " or ".join(RulesetName)
+        raise ScoringError(f"ruleset {name!r} is not known: use --ruleset {allowed}")
+    return RulesetName(name)

@@ -6,9 +6,13 @@ What stands here is what `result.json` says of it: names, order and meaning are 
 from __future__ import annotations
 
 import math
+import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Annotated
+
+from msgspec import Meta
 
 from scoring.indicator_table import IndicatorName
 from scoring.procedure import StepRecord
@@ -371,3 +375,40 @@ def _rounded_up(expanded: float) -> tuple[int, int]:
     two_digits, _, power = f"{expanded:.1e}".partition("e")
     digit = math.ceil(float(two_digits))
     return (1, int(power) + 1) if digit == 10 else (digit, int(power))
+
+
+LIBRARY_NAMES = {"python": "Python", "numpy": "NumPy", "scipy": "SciPy", "pandas": "pandas"}
+"""The attributes of `Libraries`, as people write them."""
+
+VersionText = Annotated[str, Meta(max_length=100)]
+
+
+@dataclass(frozen=True, slots=True)
+class Libraries:
+    """The versions that computed a result; they decide its last digits (section 11).
+
+    Attributes:
+        python: of the interpreter.
+        numpy: of NumPy.
+        scipy: of SciPy.
+        pandas: of pandas.
+    """
+
+    python: VersionText
+    numpy: VersionText
+    scipy: VersionText
+    pandas: VersionText
+
+    @property
+    def words(self) -> str:
+        return ", ".join(f"{LIBRARY_NAMES[key]} {version}" for key, version in asdict(self).items())
+
+
+@cache
+def libraries_here() -> Libraries:
+    """Return the versions loaded in this process; installed ones may have been upgraded since."""
+    import numpy as np
+    import pandas as pd
+    import scipy
+
+    return Libraries(platform.python_version(), np.__version__, scipy.__version__, pd.__version__)

@@ -1,18 +1,15 @@
-"""EUROBENCH's words for a run's set-up, and its file names (protocol section 10)."""
+"""EUROBENCH's words for a run's set-up, its file names and braking tables (sections 3 and 10)."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import chain, repeat
 
-from scoring.braking import braking_table, door_controller_mode
-from scoring.protocol import BenchmarkType, Condition, ScoringError, Side, StartPose
+from scoring.protocol import GRAM_FORCE, BenchmarkType, Condition, ScoringError, Side, StartPose
 
 CONDITION_KEYS = ("benchmark_type", "door_opening_side", "robot_approach_side")
-
-SET_UP_AS = "set_up_as"
-"""Key of the prefix of its files, in a run whose subject or condition was corrected."""
 
 
 def series_prefix(subject: int, condition_number: int) -> str:
@@ -62,7 +59,7 @@ class RunInfo:
             **condition_mapping(self.condition),
             "condition_number": self.condition.number,
             "door_controller_mode": door_controller_mode(kind),
-            **({SET_UP_AS: self.prefix} if self.set_up_as else {}),
+            **({"set_up_as": self.prefix} if self.set_up_as else {}),
             "rosbag_path": self.rosbag_path,
             "team": self.team,
             "start_pose": None if pose is None else {"x": pose.x, "y": pose.y, "yaw": pose.yaw},
@@ -112,3 +109,48 @@ def numbers_of(prefix: str) -> tuple[int, int, int]:
     if match is None:
         raise ScoringError(f"{prefix!r} names no run: use subject_SSS_cond_CCC_run_RRR")
     return int(match[2]), int(match[3]), int(match[4])
+
+
+_CW_RUNS: dict[BenchmarkType, tuple[tuple[int, int], ...]] = {
+    BenchmarkType.NO_FORCE: ((0, 181),),
+    BenchmarkType.CONSTANT_FORCE: ((4000, 181),),
+    BenchmarkType.SUDDEN_FORCE: ((0, 112), (4000, 69)),
+    BenchmarkType.SUDDEN_RAMP: (
+        (0, 112),
+        (2000, 2),
+        (3000, 2),
+        (5000, 2),
+        (8000, 3),
+        (12000, 3),
+        (20000, 5),
+        (0, 52),
+    ),
+    BenchmarkType.WIND_RAMP: (
+        (0, 7),
+        (1000, 11),
+        (2000, 15),
+        (3000, 20),
+        (4000, 77),
+        (3000, 20),
+        (2000, 15),
+        (1000, 11),
+        (0, 5),
+    ),
+}
+
+
+def braking_table(benchmark_type: BenchmarkType, side: Side) -> tuple[int, ...]:
+    """181 braking forces, gram-force, for -90..+90 deg in steps of 1 deg; CCW is CW reversed."""
+    runs = _CW_RUNS[benchmark_type]
+    table = tuple(chain.from_iterable(repeat(force, degrees) for force, degrees in runs))
+    return table if side is Side.CW else table[::-1]
+
+
+def largest_brake(benchmark_type: BenchmarkType) -> float:
+    """The largest force of a braking table, N."""
+    return GRAM_FORCE * max(braking_table(benchmark_type, Side.CW))
+
+
+def door_controller_mode(benchmark_type: BenchmarkType) -> int:
+    """0 = brake off, 1 = brake by table."""
+    return 0 if benchmark_type is BenchmarkType.NO_FORCE else 1

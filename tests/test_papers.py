@@ -29,10 +29,9 @@ from madrob_console.cli.main import build_parser, main
 from madrob_console.common.names import REHEARSAL, Scenario, is_rehearsal
 from madrob_console.config import Settings
 from madrob_console.config.settings import parse_settings
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.protocol import Condition, EventName, Outcome
 from scoring.result import Result
-from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, OfficialDrive, make_setup
 from tests.madrob_console.recorded_runs import completed
 from tests.madrob_console.robots import Played, Robot

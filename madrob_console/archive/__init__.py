@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from madrob_console.archive.scored import ScoredPath
-    from scoring.rulesets import RulesetName
+    from scoring.indicator_table import RulesetName
 
 __all__ = ["MadrobError", "result_schema", "score", "tables"]
 

@@ -11,8 +11,7 @@ from madrob_console.archive.result_document import ResultDocument
 from madrob_console.archive.result_reader import UnusableResultError, read_result
 from madrob_console.common.names import terminal_safe
 from scoring.indicator_table import IndicatorName
-from scoring.libraries import libraries_here
-from scoring.result import Result
+from scoring.result import Result, libraries_here
 
 EQUAL = "equals the stored result to the last digit"
 

@@ -25,7 +25,7 @@ from madrob_console.common.formatting import counted, utc_text
 from madrob_console.referee.rebuild import Change
 from recorder.bag import METADATA_FILE
 from scoring.indicator_table import IndicatorName
-from scoring.libraries import NAMES, Libraries, libraries_here
+from scoring.result import LIBRARY_NAMES, Libraries, libraries_here
 
 CLOSEST = 1e-9
 """Relative; the rounding differences of libraries stay far below it."""
@@ -58,7 +58,7 @@ def library_words(stored: Libraries, now: Libraries) -> str:
         return f"the same libraries ({now.words}): another processor, or a changed file"
     changed = (
         f"{name} {getattr(stored, key)} stored, {getattr(now, key)} now"
-        for key, name in NAMES.items()
+        for key, name in LIBRARY_NAMES.items()
         if getattr(stored, key) != getattr(now, key)
     )
     return f"libraries differ: {'; '.join(changed)}"

@@ -36,11 +36,10 @@ from madrob_console.referee.records import (
 from madrob_console.referee.run import VALID_OUTCOMES
 from madrob_console.referee.run_setup import RunSetup
 from scoring.indicator_table import WITH_THE_START
-from scoring.libraries import Libraries
 from scoring.procedure import Ruling
 from scoring.protocol import Signal, Step, Thresholds
 from scoring.rest import HandleRest
-from scoring.result import Result
+from scoring.result import Libraries, Result
 
 SCHEMA_FILE = f"madrob_result_schema_{RESULT_FORMAT}.json"
 

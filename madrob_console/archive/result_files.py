@@ -13,9 +13,8 @@ from madrob_console.archive.folders import RESULT_FILE, RESULT_FORMAT
 from madrob_console.archive.result_document import MANUAL_START, ResultDocument
 from madrob_console.archive.scored import Scored
 from scoring.eurobench import run_files
-from scoring.libraries import libraries_here
 from scoring.protocol import Event, Outcome
-from scoring.result import Result
+from scoring.result import Result, libraries_here
 from scoring.run_info import RunInfo
 
 

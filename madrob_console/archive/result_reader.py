@@ -20,8 +20,8 @@ from madrob_console.common.stored_json import decode
 from madrob_console.referee.records import Reissuing
 from madrob_console.referee.run_setup import StoredRuleset
 from madrob_console.referee.run_summary import Name, StartTime
-from scoring.libraries import Libraries
 from scoring.protocol import ScoringError
+from scoring.result import Libraries
 
 LARGEST_RESULT = 10_000_000
 """A larger `result.json` is refused, bytes."""

@@ -28,9 +28,8 @@ from madrob_console.referee.journal import Entry, Origin, read_journal
 from madrob_console.referee.rebuild import Change, after, mark_of
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.protocol import Outcome
-from scoring.rulesets import RulesetName
 
 _WHOSE = ("run_id", "subject", "condition_number", "run_number")
 _RECORDING = re.compile(r"files\..*\.mcap\b")

@@ -22,9 +22,9 @@ from madrob_console.referee.rebuild import after
 from madrob_console.referee.run import Run
 from madrob_console.referee.run_setup import RunSetup
 from scoring.assessment import Assessment
+from scoring.indicator_table import ruleset
 from scoring.protocol import Thresholds
 from scoring.rest import HandleRest
-from scoring.rulesets import ruleset
 
 RECORD_NAME = "madrob_run"
 

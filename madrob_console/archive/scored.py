@@ -39,11 +39,11 @@ from recorder.reader import Bag
 from scoring.arrays import Evaluation
 from scoring.assessment import Assessment
 from scoring.eurobench import EurobenchRun, evaluate_published, read_run
+from scoring.indicator_table import RulesetName
 from scoring.kinematics import load_filters
 from scoring.protocol import Outcome, ScoringError, Step
 from scoring.result import Result
 from scoring.rows import Rows
-from scoring.rulesets import RulesetName
 from scoring.run_info import numbers_of
 from scoring.series import WholeSeries
 

@@ -33,10 +33,10 @@ from madrob_console.archive.table_columns import (
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.files import whole_file
 from madrob_console.common.names import table_cell, terminal_safe
+from scoring.indicator_table import RulesetName
 from scoring.kinematics import Array
 from scoring.protocol import PASSAGE_SENSORS, Condition, PassageSensor
 from scoring.result import Result
-from scoring.rulesets import RulesetName
 from scoring.series import WholeSeries
 
 if TYPE_CHECKING:

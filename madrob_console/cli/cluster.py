@@ -45,7 +45,7 @@ class WrongVersion(NamedTuple):
 def versions() -> tuple[str, ...]:
     """Versions of the software and of its libraries."""
     from madrob_console.common.version import software_version
-    from scoring.libraries import libraries_here
+    from scoring.result import libraries_here
 
     return (software_version(), *astuple(libraries_here()))
 

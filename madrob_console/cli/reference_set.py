@@ -20,11 +20,9 @@ from madrob_console.common.errors import MadrobError
 from madrob_console.common.plain_files import read_all
 from madrob_console.common.stored_json import decode
 from madrob_console.common.version import DISTRIBUTION
-from scoring.indicator_table import IndicatorName
-from scoring.libraries import libraries_here
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.protocol import Outcome
-from scoring.result import Indicator, Result
-from scoring.rulesets import RulesetName
+from scoring.result import Indicator, Result, libraries_here
 
 FOLDER = Path(__file__).parent / "references"
 

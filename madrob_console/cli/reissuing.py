@@ -16,7 +16,7 @@ from madrob_console.cli.output import BAD_INPUT, Complaints
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.formatting import counted
 from madrob_console.common.names import terminal_safe
-from scoring.rulesets import RulesetName
+from scoring.indicator_table import RulesetName
 
 if TYPE_CHECKING:
     from madrob_console.common.clock import Clock

@@ -12,8 +12,8 @@ from madrob_console.cli.output import BAD_INPUT
 from madrob_console.cli.parsing import as_setting, number, number_within
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import SourceKind, clean_name, is_rehearsal, terminal_safe
+from scoring.indicator_table import RulesetName
 from scoring.protocol import LockDetection, Outcome, StartPose
-from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
     from madrob_console.config import Settings

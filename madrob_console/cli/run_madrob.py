@@ -36,7 +36,7 @@ def _score_files(arguments: argparse.Namespace) -> int:
     from madrob_console.cli.result_lines import result_lines
     from madrob_console.common.files import atomic_writes, make_folder
     from scoring.eurobench import evaluate_published, indicator_files, read_files
-    from scoring.rulesets import RulesetName
+    from scoring.indicator_table import RulesetName
 
     run = read_files(arguments.event, arguments.wrench, arguments.joint_state, arguments.condition)
     result, _ = evaluate_published(run)

@@ -21,7 +21,7 @@ from madrob_console.cli.output import BAD_INPUT, Complaints, complain, name_twin
 from madrob_console.cli.parsing import as_path
 from madrob_console.common.errors import MadrobError
 from madrob_console.common.names import terminal_safe, valid_text
-from scoring.rulesets import RulesetName
+from scoring.indicator_table import RulesetName
 
 if TYPE_CHECKING:
     from madrob_console.archive.check import Grade

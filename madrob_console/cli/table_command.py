@@ -25,7 +25,7 @@ from madrob_console.cli.parsing import as_path
 from madrob_console.cli.progress import counted_off
 from madrob_console.cli.safe_stream import put_bytes
 from madrob_console.common.names import terminal_safe
-from scoring.rulesets import RulesetName
+from scoring.indicator_table import RulesetName
 
 if TYPE_CHECKING:
     from madrob_console.archive.run_paths import RunPath

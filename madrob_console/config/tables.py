@@ -24,8 +24,8 @@ from madrob_console.referee.competition_plan import (
 )
 from madrob_console.referee.topic_health import SensorLimits
 from madrob_console.testbeds.ros_domain import LARGEST_DOMAIN
+from scoring.indicator_table import RulesetName
 from scoring.protocol import LIMITS, LockDetection, Side, Signal, StartPose, Thresholds
-from scoring.rulesets import RulesetName
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

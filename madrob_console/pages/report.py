@@ -26,9 +26,8 @@ from madrob_console.referee.flags import FlagKind, common_reason, data_remarks, 
 from madrob_console.referee.records import Reissuing
 from madrob_console.referee.run_summary import OUTCOME_WORDS, VOID, RunSummary
 from scoring.figure_table import FigureName, FigurePart
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, ruleset
 from scoring.result import Indicator, Result, doubts_of, uncertainty_text
-from scoring.rulesets import ruleset
 
 NO_MATPLOTLIB = "they need matplotlib: install madrob-console with its extra `report`"
 

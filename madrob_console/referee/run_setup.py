@@ -11,8 +11,8 @@ from uuid import UUID
 
 from msgspec import Meta
 
+from scoring.indicator_table import RulesetName
 from scoring.protocol import Condition, LockDetection, StartPose
-from scoring.rulesets import RulesetName
 
 Randomness = Callable[[int], bytes]
 

@@ -14,8 +14,8 @@ from madrob_console.archive.folders import RESULT_FILE, RunName
 from madrob_console.referee.flags import Flag, FlagKind, FlagWeight
 from madrob_console.referee.run_summary import RunSummary
 from scoring.indicator_table import IndicatorName
-from scoring.libraries import libraries_here
 from scoring.protocol import Condition, Outcome, Signal, Thresholds
+from scoring.result import libraries_here
 
 EPOCH = 1_700_000_000.0
 HOUR = 3600.0

@@ -17,10 +17,10 @@ from madrob_console.testbeds.simulated.sensor_model import (
     SensorSettings,
 )
 from scoring.assessment import Assessment
+from scoring.indicator_table import RulesetName
 from scoring.protocol import Condition, LockDetection, Outcome, Signal, Strip, Thresholds
 from scoring.result import Ending, Result
 from scoring.rows import Rows
-from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.madrob_console.robots import Played, plan_run
 

@@ -15,6 +15,7 @@ from msgspec.structs import replace as changed
 from numpy.typing import NDArray
 
 from scoring.assessment import Assessment
+from scoring.indicator_table import RulesetName
 from scoring.protocol import (
     PASSAGE_SENSORS,
     Condition,
@@ -25,7 +26,6 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.result import Ending, Result
-from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.scoring.runs import CONDITION, START
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from scoring.assessment import Assessment
 from scoring.events import EventDetector
+from scoring.indicator_table import RulesetName
 from scoring.protocol import (
     PASSAGE_SENSORS,
     BenchmarkType,
@@ -18,7 +19,6 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.rest import HandleRest
-from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 
 START = 1_000_000.0

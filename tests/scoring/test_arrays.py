@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from scoring import BenchmarkType, Condition, RulesetName, ScoringError, evaluate
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, ruleset
 from scoring.kinematics import Array
 from scoring.protocol import (
     Outcome,
@@ -20,7 +20,6 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.result import Result
-from scoring.rulesets import ruleset
 from scoring.samples import DoorSample, HandleSample, LatchSample, PassageSample, Sample
 from tests.scoring.clean_run import BY_EVENT, TIMEOUT, clean, scored
 from tests.scoring.runs import (

@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from scoring.assessment import Assessment
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.procedure import Ruling
 from scoring.protocol import (
     PASSAGE_SENSORS,
@@ -21,7 +21,6 @@ from scoring.protocol import (
     Thresholds,
 )
 from scoring.result import Ending, Result
-from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from scoring.series import PassageSeries
 from tests.scoring.clean_run import clean, scored

@@ -12,9 +12,9 @@ from msgspec.structs import replace as changed
 
 from scoring.assessment import Assessment
 from scoring.indicator_table import IndicatorName as Name
+from scoring.indicator_table import RulesetName
 from scoring.protocol import Side, Thresholds
 from scoring.result import Result
-from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.scoring.clean_run import (
     RATE,

@@ -13,6 +13,7 @@ import yaml
 from scoring import eurobench
 from scoring.eurobench import evaluate_published, indicator_files, read_files, read_run, run_files
 from scoring.indicator_table import IndicatorName as Name
+from scoring.indicator_table import RulesetName
 from scoring.kinematics import JointState
 from scoring.protocol import (
     Condition,
@@ -26,7 +27,6 @@ from scoring.protocol import (
 )
 from scoring.result import Ending, Indicator
 from scoring.rows import Rows
-from scoring.rulesets import RulesetName
 from scoring.run_info import RunInfo
 from scoring.samples import Sample
 from tests.scoring.clean_run import clean, door_fault, scored

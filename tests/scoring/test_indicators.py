@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from scoring import indicator_table
-from scoring.braking import braking_table, door_controller_mode
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName, ruleset
 from scoring.indicators import (
     capability_level,
     door_occupation_time,
@@ -33,7 +32,7 @@ from scoring.protocol import (
 )
 from scoring.result import Indicator, Uncertainty, distinguishable, uncertainty_text, value_text
 from scoring.rows import Rows
-from scoring.rulesets import RulesetName, ruleset
+from scoring.run_info import braking_table, door_controller_mode
 
 CCW_TO_CW, CW_TO_CCW = Condition.from_number(1), Condition.from_number(11)
 NOMINAL = (

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from scoring.indicator_table import IndicatorName as Name
+from scoring.indicator_table import RulesetName
 from scoring.protocol import Thresholds
-from scoring.rulesets import RulesetName
 from tests.scoring.clean_run import NOMINAL, Motion, clean, force_fault, lost, scored
 
 REPETITIONS = 20

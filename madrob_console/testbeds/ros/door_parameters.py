@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 
 from madrob_console.testbeds.ros.connection import RosObject, in_namespace, load_module
-from scoring.braking import braking_table, door_controller_mode
 from scoring.protocol import Condition, Side
+from scoring.run_info import braking_table, door_controller_mode
 
 DOOR_NODE = "/madrob/door"
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from madrob_console.testbeds.simulated.geometry import RobotBody
-from scoring.braking import braking_table
 from scoring.kinematics import Array
 from scoring.protocol import GRAM_FORCE, BenchmarkType, Condition, Side
+from scoring.run_info import braking_table
 
 STEP = 0.002
 """s between two looks at a whole plan."""

@@ -33,9 +33,9 @@ from madrob_console.ui.cells.lines import (
 from madrob_console.ui.look.words import OUTCOMES
 from madrob_console.ui.panes.result_details import IndicatorTable, ResultDetails
 from madrob_console.ui.panes.run_status import FLAG_TONES, StepTable, packed, phase_span, what_text
+from scoring.indicator_table import RulesetName
 from scoring.protocol import Condition
 from scoring.result import Result
-from scoring.rulesets import RulesetName
 
 _UNSAVED = "NOT ON DISK YET: only the engine has it, and goes on trying"
 

@@ -27,8 +27,8 @@ from madrob_console.ui.keys.questions import OtherName
 from madrob_console.ui.link import FIRST_CONDITION, ConsoleDefaults
 from madrob_console.ui.look.words import shortened
 from madrob_console.ui.panes.top_view import TopView
+from scoring.indicator_table import RulesetName
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
-from scoring.rulesets import RulesetName
 
 
 class FoldLine(PushButton):

@@ -39,10 +39,9 @@ from madrob_console.referee.run_summary import RunSummary
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import Bag
 from recorder.recovery import recover
-from scoring.indicator_table import IndicatorName
-from scoring.libraries import libraries_here
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.protocol import Condition, EventName, Step
-from scoring.rulesets import RulesetName
+from scoring.result import libraries_here
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import (

@@ -10,7 +10,7 @@ import pytest
 from madrob_console.cli.main import main
 from madrob_console.testbeds.simulated import Scenario
 from recorder.writer import BagWriter
-from scoring.rulesets import RulesetName
+from scoring.indicator_table import RulesetName
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.recorded_runs import completed, publish, recorded
 from tests.madrob_console.run_folders import summary, write

@@ -26,10 +26,9 @@ from madrob_console.referee.acts import Rule
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
 from madrob_console.testbeds.simulated import Scenario
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.protocol import Step
 from scoring.result import Indicator, Result, Uncertainty
-from scoring.rulesets import RulesetName
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import (

@@ -30,8 +30,8 @@ from madrob_console.referee.journal import HOLD_FILE, read_journal
 from madrob_console.referee.rebuild import Change, mark_of
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
+from scoring.indicator_table import RulesetName
 from scoring.protocol import Step
-from scoring.rulesets import RulesetName
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive
 from tests.madrob_console.recorded_runs import (

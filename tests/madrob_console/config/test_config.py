@@ -20,8 +20,8 @@ from madrob_console.messages.mapping import DEFAULT_MAPPINGS, TopicMapping
 from madrob_console.referee.topic_health import SensorLimits
 from madrob_console.testbeds.simulated.geometry import DoorGeometry
 from madrob_console.testbeds.simulated.sensor_model import SensorSettings
+from scoring.indicator_table import RulesetName
 from scoring.protocol import GRAM_FORCE, LockDetection, Side, Signal, StartPose, Thresholds
-from scoring.rulesets import RulesetName
 
 
 def load(folder: Path, text: str) -> Settings:

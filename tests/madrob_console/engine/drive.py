@@ -55,9 +55,9 @@ from madrob_console.testbeds.simulated.simulated_source import SimulatedSource
 from madrob_console.testbeds.source import TopicStatus
 from recorder.bag import RawMessage, Topic
 from recorder.reader import Bag
+from scoring.indicator_table import RulesetName
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, StartPose
 from scoring.result import Result
-from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.spoilt import (
     HANDLE,
     STRING,

@@ -17,14 +17,13 @@ from madrob_console.engine.core.topic_watch import EXTENT, RECENT, RecentReading
 from madrob_console.engine.curves import MOST_CURVE_POINTS, Curve, Curves, curves_of
 from madrob_console.testbeds.simulated import Scenario
 from scoring.figure_table import EventMark, Quantity, marked_events
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.kinematics import JointState
 from scoring.procedure import StepRecord
 from scoring.protocol import Event, EventName, LockDetection, Outcome, Step, Thresholds
 from scoring.quality import Quality
 from scoring.result import Ending, EventRecord, Indicator, Result
 from scoring.rows import Rows
-from scoring.rulesets import RulesetName
 from scoring.samples import Sample
 from tests.madrob_console.engine.drive import EPOCH_NS, PULL, Drive, make_setup
 from tests.madrob_console.recorded_runs import recorded

@@ -48,8 +48,8 @@ from madrob_console.referee.acts import (
 from madrob_console.referee.journal import HOLD_FILE, Entry, Origin
 from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
+from scoring.indicator_table import RulesetName
 from scoring.protocol import Outcome, Step
-from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Deck, Drive, document, make_setup
 from tests.madrob_console.engine.held_disk import HeldDisk
 from tests.madrob_console.recorded_runs import (

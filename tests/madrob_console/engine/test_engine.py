@@ -58,9 +58,8 @@ from madrob_console.referee.run import Phase
 from madrob_console.referee.team_list import TeamList
 from madrob_console.testbeds.simulated import Scenario
 from recorder.reader import Bag
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.protocol import Condition, EventName, LockDetection, Outcome, Step
-from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Deck, Drive, FaultyDrive, document, make_setup
 from tests.madrob_console.engine.reporting import no_reporting
 from tests.madrob_console.engine.served import act, kept_running, simulated, start

@@ -35,8 +35,8 @@ from madrob_console.referee.records import TeamWord
 from madrob_console.referee.run import Phase
 from madrob_console.testbeds.simulated import Scenario
 from recorder.bag import RawMessage
+from scoring.indicator_table import RulesetName
 from scoring.protocol import Condition, Signal, Step
-from scoring.rulesets import RulesetName
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.engine.served import kept_running
 from tests.madrob_console.engine_process import EngineProcess

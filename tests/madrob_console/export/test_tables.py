@@ -25,8 +25,8 @@ from madrob_console.archive.table_columns import (
 from madrob_console.archive.table_rows import Frames, SampledRun
 from madrob_console.cli.table_command import write_samples
 from madrob_console.testbeds.simulated import Scenario
+from scoring.indicator_table import RulesetName
 from scoring.protocol import PASSAGE_SENSORS, Thresholds
-from scoring.rulesets import RulesetName
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import Drive, make_setup
 from tests.madrob_console.recorded_runs import (

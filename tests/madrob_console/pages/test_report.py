@@ -52,11 +52,10 @@ from madrob_console.referee.records import TestbedFault as Fault
 from madrob_console.referee.run_summary import RunSummary
 from madrob_console.testbeds.simulated import Scenario
 from scoring.figure_table import FigureName
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.procedure import Ruling
 from scoring.protocol import EventName, Outcome, Step
 from scoring.result import EventRecord, Indicator, Uncertainty, value_text
-from scoring.rulesets import RulesetName
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import make_setup
 from tests.madrob_console.pages.page import Page

@@ -67,7 +67,7 @@ from madrob_console.referee.run_setup import RunSetup, new_run_id
 from madrob_console.referee.team_list import TeamList
 from madrob_console.referee.topic_health import Freshness, Health
 from madrob_console.ui.look.words import done_text
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.protocol import (
     BenchmarkType,
     Condition,
@@ -79,7 +79,6 @@ from scoring.protocol import (
     Step,
 )
 from scoring.result import Indicator
-from scoring.rulesets import RulesetName
 from tests.scoring.runs import resting
 
 SETUP = RunSetup(

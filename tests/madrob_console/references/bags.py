@@ -24,6 +24,7 @@ from madrob_console.referee.run_setup import RunSetup
 from madrob_console.testbeds.simulated.encoder import Encoder
 from madrob_console.testbeds.simulated.sensor_model import Reading
 from recorder.bag import RawMessage
+from scoring.indicator_table import RulesetName
 from scoring.protocol import (
     SENSORS_PER_STRIP,
     LockDetection,
@@ -33,7 +34,6 @@ from scoring.protocol import (
     Strip,
     Thresholds,
 )
-from scoring.rulesets import RulesetName
 from tests.madrob_console.references.runs import COUNTS, PRE_ROLL, ReferenceRun
 from tests.recorder.samples import by_library
 

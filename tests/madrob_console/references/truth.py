@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from madrob_console.cli.reference_set import Expected, Reference
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.protocol import Outcome, Side, Step, Thresholds
-from scoring.rulesets import RulesetName
 from tests.madrob_console.references.runs import (
     CLOSED,
     COUNT,

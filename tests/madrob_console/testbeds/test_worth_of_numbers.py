@@ -19,9 +19,9 @@ from msgspec.structs import replace
 
 from madrob_console.testbeds.simulated import Scenario
 from scoring.indicator_table import IndicatorName as Name
+from scoring.indicator_table import RulesetName
 from scoring.protocol import Signal, Thresholds
 from scoring.result import Indicator, Result
-from scoring.rulesets import RulesetName
 from scoring.samples import DoorSample, HandleSample, PassageSample, Sample
 from tests.madrob_console.robots import Played, Robot
 from tests.madrob_console.sampled_runs import (

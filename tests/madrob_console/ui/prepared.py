@@ -15,7 +15,7 @@ from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.referee.run_setup import RunSetup
 from scoring.assessment import Assessment
 from scoring.figure_table import Quantity
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.protocol import (
     BenchmarkType,
     Condition,
@@ -28,7 +28,6 @@ from scoring.protocol import (
 )
 from scoring.quality import Quality, SignalQuality
 from scoring.result import Indicator, Result
-from scoring.rulesets import RulesetName
 
 
 def indicators(*, missing: bool = False) -> dict[IndicatorName, Indicator]:

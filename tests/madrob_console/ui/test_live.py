@@ -35,11 +35,10 @@ from madrob_console.ui.panes.live_pane import Provisional
 from madrob_console.ui.panes.notices import EvidenceLine
 from madrob_console.ui.panes.run_status import clock_span, step_lines
 from madrob_console.ui.wall import step_box
-from scoring.indicator_table import IndicatorName
+from scoring.indicator_table import IndicatorName, RulesetName
 from scoring.procedure import Ruling, StepRecord
 from scoring.protocol import Condition, EventName, Side, Signal, Step
 from scoring.result import Result
-from scoring.rulesets import RulesetName
 from scoring.stamps import REORDERED
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 from tests.madrob_console.robots import Played, Robot

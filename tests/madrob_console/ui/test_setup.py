@@ -16,8 +16,8 @@ from madrob_console.referee.run_setup import RunSetup
 from madrob_console.referee.team_list import TeamList
 from madrob_console.ui.cells.field import Field
 from madrob_console.ui.link import ConsoleDefaults
+from scoring.indicator_table import RulesetName
 from scoring.protocol import BenchmarkType, Condition, LockDetection, Side, Signal, StartPose
-from scoring.rulesets import RulesetName
 from tests.madrob_console.ui.driver import (
     DEFAULTS,
     Driver,

@@ -20,8 +20,7 @@ from madrob_console.engine.core.engine_core import RETRY_PERIOD
 from madrob_console.referee.acts import Finalise, Reissue
 from madrob_console.referee.records import TeamWord
 from scoring.indicator_table import IndicatorName
-from scoring.libraries import libraries_here
-from scoring.result import quantity_text
+from scoring.result import libraries_here, quantity_text
 from tests.madrob_console.cli.typed import Madrob
 from tests.madrob_console.engine.drive import STEP, Drive, make_setup
 from tests.madrob_console.recorded_runs import completed, final
