@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from heapq import merge
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -48,8 +48,7 @@ class Evaluation(Result):
 
     @classmethod
     def of(cls, result: Result, rows: Rows, condition: Condition) -> Self:
-        parts = {each.name: getattr(result, each.name) for each in fields(Result)}
-        return cls(**parts, rows=rows, condition=condition)
+        return cls(**vars(result), rows=rows, condition=condition)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Result) and all(
@@ -59,11 +58,11 @@ class Evaluation(Result):
     __hash__ = Result.__hash__
 
     def figures(self) -> dict[str, Figure]:
-        """The figures of the protocol document (section 6), by name; needs matplotlib."""
+        """Draw the figures of the protocol document (section 6), by name; needs matplotlib."""
         from scoring.figures import figures_of
 
-        figures = figures_of(self, self.rows, self.condition)
-        return {name.value: figure for name, figure in figures.items()}
+        drawn = figures_of(self, self.rows, self.condition)
+        return {name.value: figure for name, figure in drawn.items()}
 
 
 def evaluate(  # noqa: PLR0913  a signal is an argument
@@ -101,25 +100,27 @@ def evaluate(  # noqa: PLR0913  a signal is an argument
     Raises:
         ScoringError: an argument cannot be used; names it and the remedy.
     """
-    for name, value, unit in (
+    thresholds = Thresholds() if thresholds is None else thresholds
+    for name, number, unit in (
         ("start", start, "s"),
         ("timeout", timeout, "s"),
         ("handle_zero", handle_zero, "N"),
     ):
-        if not _is_finite(value):
-            raise ScoringError(f"{name} {value!r}: give a finite number, {unit}")
+        if not isinstance(number, Real) or not math.isfinite(number):
+            raise ScoringError(f"{name} {number!r}: give a finite number, {unit}")
     if timeout <= 0:
         raise ScoringError(f"timeout {timeout!r}: give more than 0 s")
-    thresholds = Thresholds() if thresholds is None else thresholds
-    for argument, kind in ((condition, Condition), (passage, Mapping), (thresholds, Thresholds)):
-        if not isinstance(argument, kind):
-            name = kind.__name__.replace("Mapping", "passage").lower()
-            raise ScoringError(f"{name}: give a {kind.__name__}, not {type(argument).__name__}")
+    for name, value, kind in (
+        ("condition", condition, Condition),
+        ("passage", passage, Mapping),
+        ("thresholds", thresholds, Thresholds),
+    ):
+        if not isinstance(value, kind):
+            raise ScoringError(f"{name}: give a {kind.__name__}, not {type(value).__name__}")
     _demand_limits(thresholds)
-    streams = [_door(door), _handle(handle)]
-    streams += [_strip(name, data) for name, data in passage.items()]
-    if latch is not None:
-        streams.append(_latch(latch))
+
+    samples = _samples(door, handle, passage, latch)
+    samples.sort(key=lambda sample: sample.time)
     assessment = Assessment(
         condition,
         float(start),
@@ -127,66 +128,56 @@ def evaluate(  # noqa: PLR0913  a signal is an argument
         thresholds=thresholds,
         handle_zero=float(handle_zero),
     )
-    ending = _follow(assessment, merge(*streams, key=lambda sample: sample.time), float(timeout))
+    ending = _follow(assessment, samples, float(timeout))
     return Evaluation.of(*assessment.result(ending), condition)
 
 
-def _follow(assessment: Assessment, samples: Iterator[Sample], timeout: float) -> Ending:
-    """Feed all samples, and stop at the first instant at which all steps are done."""
-    limit, changes, stop = assessment.start + timeout, -1, None
-    procedure = assessment.procedure()
-    for sample in samples:
-        assessment.feed(sample)
-        assessment.release(math.inf)  # they are in order
-        if stop is None and (procedure.settling or assessment.changes != changes):
-            changes, procedure = assessment.changes, assessment.procedure()
-            stop = procedure.completed
-    if stop is not None and stop <= limit:
-        return Ending(Outcome.COMPLETED, "all six steps done", stop)
-    newest = assessment.newest or 0.0
-    if newest >= limit:
-        return Ending(Outcome.TIMEOUT, f"{timeout:g} s elapsed", limit)
-    after = newest - assessment.start
-    reason = f"the samples end {after:.1f} s after the start, before the timeout of {timeout:g} s"
-    return Ending(Outcome.INTERRUPTED, reason, None)
+def _demand_limits(thresholds: Thresholds) -> None:
+    usual = Thresholds().numbers
+    for each in fields(Thresholds):
+        low, high, _ = each.metadata.get(LIMITS, (0, math.inf, ""))
+        given, count = getattr(thresholds, each.name), np.size(usual[each.name])
+        numbers = np.ravel(given)
+        is_usable = numbers.dtype.kind in "iuf" and numbers.size == count
+        if not is_usable or not ((low <= numbers) & (numbers <= high)).all():
+            wanted = "a number" if count == 1 else f"{count} numbers"
+            raise ScoringError(
+                f"thresholds: {each.name} {given!r}: give {wanted} from {low:g} to {high:g}"
+            )
 
 
-def _door(data: object) -> Iterator[Sample]:
-    times, angles = _columns("door", data, 1)
-    return map(DoorSample, times.tolist(), times.tolist(), angles[:, 0].tolist())
+def _samples(
+    door: object, handle: object, passage: Mapping[str, Any], latch: object
+) -> list[Sample]:
+    """Return all samples; they were received when they were measured."""
+    times, angles = _columns("door", door, 1)
+    samples: list[Sample] = [*map(DoorSample, times, times, angles[:, 0].tolist())]
+    times, forces = _columns("handle", handle, 1)
+    samples += map(HandleSample, times, times, forces[:, 0].tolist())
+    for name, data in passage.items():
+        if name not in [*Strip]:
+            raise ScoringError(f"passage: there is no strip {name!r}: name {', '.join(Strip)}")
+        times, ranges = _columns(f"passage[{name!r}]", data, SENSORS_PER_STRIP)
+        for time, row in zip(times, ranges.tolist(), strict=True):
+            samples.append(PassageSample(time, time, Strip(name), tuple(row), 0.0, math.inf))
+    if latch is not None:
+        times, states = _columns("latch", latch, 1)
+        if np.isnan(states).any():
+            raise ScoringError("latch: a state is nan: leave that sample out")
+        samples += map(LatchSample, times, times, (states[:, 0] >= _ENGAGED).tolist())
+    return samples
 
 
-def _handle(data: object) -> Iterator[Sample]:
-    times, forces = _columns("handle", data, 1)
-    return map(HandleSample, times.tolist(), times.tolist(), forces[:, 0].tolist())
-
-
-def _latch(data: object) -> Iterator[Sample]:
-    times, states = _columns("latch", data, 1)
-    if np.isnan(states).any():
-        raise ScoringError("latch: a state is nan: leave that sample out")
-    engaged = (states[:, 0] >= _ENGAGED).tolist()
-    return map(LatchSample, times.tolist(), times.tolist(), engaged)
-
-
-def _strip(name: str, data: object) -> Iterator[Sample]:
-    if name not in [*Strip]:
-        raise ScoringError(f"passage: there is no strip {name!r}: name {', '.join(Strip)}")
-    times, ranges = _columns(f"passage[{name!r}]", data, SENSORS_PER_STRIP)
-    strip = Strip(name)
-    rows = zip(times.tolist(), ranges.tolist(), strict=True)
-    return (PassageSample(time, time, strip, tuple(row), 0.0, math.inf) for time, row in rows)
-
-
-def _columns(name: str, data: Any, width: int) -> tuple[Array, Array]:  # noqa: ANN401
-    """Times of shape (n,) in order, values of shape (n, `width`)."""
+def _columns(name: str, data: Any, width: int) -> tuple[list[float], Array]:  # noqa: ANN401
+    """Return n times and their values, shape (n, `width`)."""
     wanted = "a value" if width == 1 else f"{width} ranges"
     try:
         if hasattr(data, "columns") and hasattr(data, "iloc"):
             data = data.iloc[:, 0], data.iloc[:, 1:]
-        times, values = (_numbers(part) for part in data)
+        times, values = map(_numbers, data)
     except (TypeError, ValueError, IndexError, OverflowError):
         raise ScoringError(f"{name}: give times in s, and {wanted} for each, as numbers") from None
+
     if not times.size:
         raise ScoringError(f"{name}: no samples: give those of the whole run")
     if times.shape != values.shape[:1] or values.size != width * times.size:
@@ -195,38 +186,37 @@ def _columns(name: str, data: Any, width: int) -> tuple[Array, Array]:  # noqa: 
             f"{name}: {times.size} times, but {shape} values: give {wanted} for each"
         )
     if not np.isfinite(times).all():
-        row = np.flatnonzero(~np.isfinite(times))[0]
-        raise ScoringError(f"{name}: time [{row}] is {times[row]}: leave that sample out")
-    order = np.argsort(times, kind="stable")
-    return times[order], values.reshape(-1, width)[order]
+        raise ScoringError(f"{name}: a time is no finite number: leave that sample out")
+    return times.tolist(), values.reshape(-1, width)
 
 
 def _numbers(part: object) -> Array:
-    numbers = np.asanyarray(part)
+    """Return numbers as an array; one that is masked is NaN."""
+    numbers: np.ma.MaskedArray[Any, Any] = np.ma.asarray(part)
     if not numbers.ndim or numbers.dtype.kind in "mMc":  # no row, or dates, whose unit is not s
         raise TypeError
-    floats = numbers.astype(np.float64)
-    return floats.filled(np.nan) if isinstance(floats, np.ma.MaskedArray) else np.asarray(floats)
+    return np.ma.filled(numbers.astype(np.float64), np.nan)
 
 
-def _is_finite(value: object) -> bool:
-    try:
-        is_real = isinstance(value, (int, float, np.integer, np.floating))
-        return is_real and math.isfinite(value)  # type: ignore[arg-type]
-    except OverflowError:  # an integer of any length
-        return False
+def _follow(assessment: Assessment, samples: Sequence[Sample], timeout: float) -> Ending:
+    """Feed all samples, and stop at the first instant at which all steps are done."""
+    procedure = assessment.procedure()
+    changes = assessment.changes
+    stop = None
+    for sample in samples:
+        assessment.feed(sample)
+        assessment.release(math.inf)  # they are in order
+        if stop is None and (procedure.settling or assessment.changes != changes):
+            changes = assessment.changes
+            procedure = assessment.procedure()
+            stop = procedure.completed
 
-
-def _demand_limits(thresholds: Thresholds) -> None:
-    for each in fields(thresholds):
-        given, usual = getattr(thresholds, each.name), getattr(Thresholds(), each.name)
-        is_row = isinstance(usual, tuple)
-        many = len(usual) if is_row else 1
-        numbers = given if is_row and isinstance(given, tuple) else (given,)
-        low, high, _ = each.metadata.get(LIMITS, (0, math.inf, ""))
-        in_limits = all(_is_finite(number) and low <= number <= high for number in numbers)
-        if len(numbers) != many or not in_limits:
-            wanted = f"{many} numbers" if is_row else "a number"
-            raise ScoringError(
-                f"thresholds: {each.name} {given!r}: give {wanted} from {low:g} to {high:g}"
-            )
+    limit = assessment.start + timeout
+    if stop is not None and stop <= limit:
+        return Ending(Outcome.COMPLETED, "all six steps done", stop)
+    newest = samples[-1].time
+    if newest >= limit:
+        return Ending(Outcome.TIMEOUT, f"{timeout:g} s elapsed", limit)
+    after = f"{newest - assessment.start:.1f} s after the start"
+    reason = f"the samples end {after}, before the timeout of {timeout:g} s"
+    return Ending(Outcome.INTERRUPTED, reason, None)
