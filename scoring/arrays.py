@@ -136,7 +136,8 @@ def _demand_limits(thresholds: Thresholds) -> None:
     usual = Thresholds().numbers
     for each in fields(Thresholds):
         low, high, _ = each.metadata.get(LIMITS, (0, math.inf, ""))
-        given, count = getattr(thresholds, each.name), np.size(usual[each.name])
+        given = getattr(thresholds, each.name)
+        count = np.size(usual[each.name])
         numbers = np.ravel(given)
         is_usable = numbers.dtype.kind in "iuf" and numbers.size == count
         if not is_usable or not ((low <= numbers) & (numbers <= high)).all():

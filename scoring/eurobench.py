@@ -133,30 +133,30 @@ def events_2020(recording: Recording, condition: Condition, thresholds: Threshol
     Robots are higher than a metre, a masked sensor is absent, readings beyond the sensors' ranges
     count, and the passage sensors do so to the end of the recording.
     """
-    start, stop = recording.start, recording.stop
     door = _readings(recording.signals[Signal.DOOR])
     handle = _readings(recording.signals[Signal.HANDLE])
 
     is_touched = np.abs(handle.value - recording.handle_zero) > thresholds.touch_force
-    touches = _edges(handle.time, is_touched, start)
-    events = [Event(start, EventName.BENCHMARK_START)]
+    touches = _edges(handle.time, is_touched, recording.start)
+    events = [Event(recording.start, EventName.BENCHMARK_START)]
     events += [Event(edge.time, EventName.HANDLE_IS_TOUCHED) for edge in touches[:1]]
 
     is_open = np.abs(door.value) >= thresholds.closed_angle
-    for edge in _edges(door.time, is_open, start):
+    for edge in _edges(door.time, is_open, recording.start):
         name = EventName.DOOR_OPENS if edge.value else EventName.DOOR_CLOSES
         events.append(Event(edge.time, name))
 
     events += recording.latch_events
-    events = [event for event in events if event.time <= stop]
+    events = [event for event in events if event.time <= recording.stop]
     events += _passage(recording, door, condition, thresholds)
-    events.append(Event(stop, EventName.BENCHMARK_STOP))
+    events.append(Event(recording.stop, EventName.BENCHMARK_STOP))
     return sorted(events, key=lambda event: event.time)
 
 
 def whole_rows_2020(signals: Signals, thresholds: Thresholds) -> Rows:
     """Filter a whole recording by the rules of 2020, which do not cut it and know no gaps."""
-    door, handle = _readings(signals[Signal.DOOR]), _readings(signals[Signal.HANDLE])
+    door = _readings(signals[Signal.DOOR])
+    handle = _readings(signals[Signal.HANDLE])
     interval = mean_interval(door.time) or math.inf  # of one angle there is none
     average = 1 + 2 * math.ceil(WINDOW_TIME / interval / 2)
     velocity, acceleration = derivatives(door.value, interval, average, _SAVGOL)
@@ -295,8 +295,13 @@ def read_run(folder: Path, prefix: str) -> EurobenchRun:
     info = _read_mapping(info_path) if info_path.exists() else {}
     if CONDITION_KEYS[0] in info:  # a run that was corrected keeps the names of its files
         condition = condition_from(info, str(info_path))
-    event, wrench = folder / f"{prefix}_event.csv", folder / f"{prefix}_wrench.csv"
-    return _read_run(event, wrench, folder / f"{prefix}_jointState.csv", condition, info)
+    return _read_run(
+        folder / f"{prefix}_event.csv",
+        folder / f"{prefix}_wrench.csv",
+        folder / f"{prefix}_jointState.csv",
+        condition,
+        info,
+    )
 
 
 def read_files(event: Path, wrench: Path, joint_state: Path, condition: Path) -> EurobenchRun:
@@ -425,13 +430,16 @@ def run_files(
     indicators: Mapping[Name, Indicator],
 ) -> dict[str, bytes]:
     """Return EUROBENCH's files of a run by name; `rows` are cut as the ruleset wants it."""
-    event = {"time": [one.time for one in events], "event": [one.name.value for one in events]}
+    event_columns = {
+        "time": [event.time for event in events],
+        "event": [event.name.value for event in events],
+    }
     motion = {column: getattr(rows.joint_state, column) for column in _MOTION}
     wrench = {"time": rows.force_time, "force_x": rows.force}
     files = {
         f"run_info_{info.prefix}.yaml": _yaml(info.mapping()),
         f"condition_{info.filed_as[1]}.yaml": _yaml(condition_mapping(info.condition)),
-        f"{info.prefix}_event.csv": _csv(event),
+        f"{info.prefix}_event.csv": _csv(event_columns),
         f"{info.prefix}_jointState.csv": _csv(motion),
         f"{info.prefix}_wrench.csv": _csv(wrench),
     }
