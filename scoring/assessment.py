@@ -169,41 +169,32 @@ class Assessment:
         remarks: Iterable[str] = (),
         answered: float | None = None,
     ) -> tuple[Result, Rows]:
-        """The result, and its rows. A robot may have `answered` the start, s since the epoch."""
+        """Return the result and its rows.
+
+        A robot may have `answered` the start, s since the epoch.
+        """
         self.release(math.inf)
         end = self._end(ending)
         procedure = self.procedure(rulings, end)
         signals = self._signals()
-        rows, events = self._whole_rows(signals), self._events(signals, end)
-        if ending.stop is None:
-            events = [event for event in events if event.name is not EventName.BENCHMARK_STOP]
+        events = self._events(ending, signals)
         rest = self._rest(ending, signals)
         rows_end = self._rows_end(ending, procedure)
+        rows = self._whole_rows(signals)
         if self._ruleset is RulesetName.PROTOCOL:
             rows = rows.cut(self.start, rows_end)
-        if end < self.start:  # it ended in the countdown
-            events = []
-        if ending.outcome is Outcome.ABORTED or end < self.start:
-            why = "the run never started"
-            if ending.outcome is Outcome.ABORTED:
-                why = "run aborted: invalid"
-            indicators = {name: Indicator.missing(name, why) for name in IndicatorName}
+
+        if ending.outcome is Outcome.ABORTED:
+            indicators = _no_indicators("run aborted: invalid")
+        elif end < self.start:
+            indicators = _no_indicators("the run never started")
         elif self._ruleset is RulesetName.EUROBENCH_2020:
             from scoring.eurobench import values_2020  # it loads pandas
 
             indicators = values_2020(events, rows, self.condition)
         else:
-            run = Recorded(
-                start=self.start,
-                rows_end=rows_end,
-                by_hand=self._by_hand(answered),
-                completed=ending.outcome is Outcome.COMPLETED,
-                signals=self._readings(signals),
-                edges=self._detector.deciding(end),
-                rest=rest,
-                thresholds=self._thresholds,
-            )
             values = self._indicators(events, procedure, rows)
+            run = self._recorded_run(ending, rows_end, signals, rest, answered)
             grounds = self._grounds(run, end, procedure, values)
             indicators = doubted(grounds)
             remarks = (*remarks, *information(grounds))
@@ -273,14 +264,43 @@ class Assessment:
             indicators[IndicatorName.PASSAGE_TIME] = replace(passage, reason=reason)
         return indicators
 
-    def _events(self, signals: Signals, end: float) -> Sequence[Event]:
-        if self._ruleset is not RulesetName.EUROBENCH_2020:
-            return self._detector.events(end)
-        from scoring.eurobench import Recording, events_2020
+    def _events(self, ending: Ending, signals: Signals) -> Sequence[Event]:
+        end = self._end(ending)
+        if end < self.start:  # it ended in the countdown
+            return ()
+        if self._ruleset is RulesetName.EUROBENCH_2020:
+            from scoring.eurobench import Recording, events_2020
 
-        latch_events = self._detector.latch_events()
-        recording = Recording(signals, self.start, end, self._zero, latch_events)
-        return events_2020(recording, self.condition, self._thresholds)
+            latch_events = self._detector.latch_events()
+            recording = Recording(signals, self.start, end, self._zero, latch_events)
+            events: Sequence[Event] = events_2020(recording, self.condition, self._thresholds)
+        else:
+            events = self._detector.events(end)
+        if ending.stop is None:
+            events = [event for event in events if event.name is not EventName.BENCHMARK_STOP]
+        return events
+
+    def _recorded_run(
+        self,
+        ending: Ending,
+        rows_end: float,
+        signals: Signals,
+        rest: RestForce,
+        answered: float | None,
+    ) -> Recorded:
+        by_hand = self._thresholds.start_uncertainty
+        if answered and answered <= self.start + by_hand:
+            by_hand = 0.0  # the robot answered the start at once
+        return Recorded(
+            start=self.start,
+            rows_end=rows_end,
+            by_hand=by_hand,
+            completed=ending.outcome is Outcome.COMPLETED,
+            signals=self._readings(signals),
+            edges=self._detector.deciding(self._end(ending)),
+            rest=rest,
+            thresholds=self._thresholds,
+        )
 
     def _grounds(
         self,
@@ -302,11 +322,6 @@ class Assessment:
             values=values,
             uncertainty=uncertainties(run),
         )
-
-    def _by_hand(self, answered: float | None) -> float:
-        """Return how late the start may be, s: 0 if the robot answered it at once."""
-        by_hand = self._thresholds.start_uncertainty
-        return 0.0 if answered and answered <= self.start + by_hand else by_hand
 
     def _end(self, ending: Ending) -> float:
         if ending.stop is not None:
@@ -354,3 +369,7 @@ class Assessment:
             lost=self.lost,
             against_opening=against if against > self._thresholds.closed_angle else 0.0,
         )
+
+
+def _no_indicators(reason: str) -> dict[IndicatorName, Indicator]:
+    return {name: Indicator.missing(name, reason) for name in IndicatorName}
