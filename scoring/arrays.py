@@ -58,7 +58,10 @@ class Evaluation(Result):
     __hash__ = Result.__hash__
 
     def figures(self) -> dict[str, Figure]:
-        """Draw the figures of the protocol document (section 6), by name; needs matplotlib."""
+        """Draw the figures of the protocol document (section 6), by name.
+
+        Needs matplotlib.
+        """
         from scoring.figures import figures_of
 
         drawn = figures_of(self, self.rows, self.condition)
@@ -150,7 +153,10 @@ def _demand_limits(thresholds: Thresholds) -> None:
 def _samples(
     door: object, handle: object, passage: Mapping[str, Any], latch: object
 ) -> list[Sample]:
-    """Return all samples; they were received when they were measured."""
+    """Return all samples.
+
+    They were received when they were measured.
+    """
     times, angles = _columns("door", door, 1)
     samples: list[Sample] = [*map(DoorSample, times, times, angles[:, 0].tolist())]
     times, forces = _columns("handle", handle, 1)
@@ -192,7 +198,10 @@ def _columns(name: str, data: Any, width: int) -> tuple[list[float], Array]:  # 
 
 
 def _numbers(part: object) -> Array:
-    """Return numbers as an array; one that is masked is NaN."""
+    """Return numbers as an array.
+
+    One that is masked is NaN.
+    """
     numbers: np.ma.MaskedArray[Any, Any] = np.ma.asarray(part)
     if not numbers.ndim or numbers.dtype.kind in "mMc":  # no row, or dates, whose unit is not s
         raise TypeError

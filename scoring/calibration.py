@@ -66,7 +66,10 @@ class MaskProposal:
 
     @property
     def mask_from(self) -> Angles:
-        """Where the masks begin, rad; one for both sides, by the one that sees the panel first."""
+        """The angle at which the masks begin, rad.
+
+        One for both sides, by the one that sees the panel first.
+        """
         firsts = []
         for index in range(5):
             of_index = [view.first or 0.0 for view in self.views if view.sensor.index == index]
@@ -74,7 +77,10 @@ class MaskProposal:
         return tuple(firsts)
 
     def mask_to(self, side: Side) -> Angles:
-        """Where the masks of a side end, rad; 0 = no mask, the sensor never saw the panel."""
+        """Return where the masks of a side end, rad.
+
+        0 = no mask, the sensor never saw the panel.
+        """
         lasts = [view.last or 0.0 for view in self.views if view.sensor.side is side]
         return tuple(round(_LAST_MARGIN * last, 6) for last in lasts)
 
@@ -138,7 +144,7 @@ def _readings(
 
 
 def _is_known(door: Series, time: Array, largest_gap: float) -> Flags:
-    """Where the door angle is known: not before, after or in gaps."""
+    """Return where the door angle is known: not before, after or in gaps."""
     after = np.searchsorted(door.time, time)
     inside = (after > 0) & (after < door.time.size)
     gaps = np.diff(door.time, prepend=-np.inf, append=np.inf)

@@ -102,7 +102,10 @@ class Recording:
 
 
 def values_2020(events: Sequence[Event], rows: Rows, condition: Condition) -> dict[Name, Indicator]:
-    """Compute the indicators as the published scripts do; `rows` are those of `rows_2020`."""
+    """Compute the indicators as the published scripts do.
+
+    `rows` are those of `rows_2020`.
+    """
     values = compute_indicators(events, frozenset(), rows, condition)
     start = first_time(events, EventName.BENCHMARK_START)
     arrived = first_time(events, EventName.approaches(condition.starting_side))
@@ -232,7 +235,10 @@ def _readings(series: Series) -> Series:
 
 
 def _edges(time: Array, is_up: Flags, start: float) -> list[Edge]:
-    """Return the changes of a state from the start on; one that is up at the start rises there."""
+    """Return the changes of a state from the start on.
+
+    One that is up at the start rises there.
+    """
     first = max(0, int(np.searchsorted(time, start)) - 1)  # the last reading before the start
     time, is_up = np.maximum(time[first:], start), is_up[first:]
     changes = np.flatnonzero(np.diff(is_up, prepend=False))
@@ -240,7 +246,9 @@ def _edges(time: Array, is_up: Flags, start: float) -> list[Edge]:
 
 
 def evaluate_published(run: EurobenchRun) -> tuple[Result, Rows]:
-    """Score a published run by the rules of 2020; events and acceleration are the files' own.
+    """Score a published run by the rules of 2020.
+
+    Events and acceleration are the files' own.
 
     They tell no steps: a run with an execution time is completed. Without a `benchmark_stop` in
     the files it stops when that time ends.
@@ -429,7 +437,10 @@ def run_files(
     rows: Rows,
     indicators: Mapping[Name, Indicator],
 ) -> dict[str, bytes]:
-    """Return EUROBENCH's files of a run by name; `rows` are cut as the ruleset wants it."""
+    """Return EUROBENCH's files of a run by name.
+
+    `rows` are cut as the ruleset wants it.
+    """
     event_columns = {
         "time": [event.time for event in events],
         "event": [event.name.value for event in events],
@@ -447,7 +458,10 @@ def run_files(
 
 
 def indicator_files(indicators: Mapping[Name, Indicator], rules: RulesetName) -> dict[str, bytes]:
-    """Return a YAML file for each indicator; a missing value is null, in 2020 the text TIMEOUT."""
+    """Return a YAML file for each indicator.
+
+    A missing value is null, in 2020 the text TIMEOUT.
+    """
     missing = "TIMEOUT" if rules is RulesetName.EUROBENCH_2020 else None
     files = {}
     for name, indicator in indicators.items():

@@ -73,7 +73,10 @@ _LOOK: Mapping[str, object] = {
 
 
 def figures_of(result: Result, rows: Rows, condition: Condition) -> dict[FigureName, Figure]:
-    """Draw the figures of a run; `missing_figures` says why one is not there."""
+    """Draw the figures of a run.
+
+    `missing_figures` says why one is not there.
+    """
     missing = missing_figures(result, rows)
     with look():
         return {
@@ -102,7 +105,10 @@ def missing_figures(result: Result, rows: Rows) -> dict[FigureName, str]:
 
 
 def svg(figure: Figure) -> str:
-    """Return a figure as an SVG document; the same figure gives the same text."""
+    """Return a figure as an SVG document.
+
+    The same figure gives the same text.
+    """
     text = io.StringIO()
     with look():
         metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))

@@ -155,7 +155,7 @@ class RulesetName(StrEnum):
     EUROBENCH_2020 = "eurobench-2020"
 
     def explanation(self, name: IndicatorName) -> str:
-        """What an indicator means by these rules, for readers who do not know them."""
+        """Return what an indicator means by these rules, for readers who do not know them."""
         if self is RulesetName.EUROBENCH_2020 and name in _BY_THE_SCRIPTS:
             return _BY_THE_SCRIPTS[name]
         return name.spec.explanation
@@ -173,7 +173,10 @@ _BY_THE_SCRIPTS = {
 
 
 def ruleset(name: str) -> RulesetName:
-    """Return the ruleset of a name; `ScoringError` unless there is one."""
+    """Return the ruleset of a name.
+
+    `ScoringError` unless there is one.
+    """
     if name not in [*RulesetName]:
         allowed = " or ".join(RulesetName)
         raise ScoringError(f"ruleset {name!r} is not known: use --ruleset {allowed}")

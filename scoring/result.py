@@ -45,7 +45,7 @@ class Uncertainty:
     def of_mean(
         cls, parts: Sequence[Uncertainty | None], deviation: float | None = None
     ) -> Uncertainty | None:
-        """That of the mean of several values: by measurement or by their scatter.
+        """Return that of the mean of several values, by measurement or by their scatter.
 
         Args:
             parts: of the values, which err independently of each other.
@@ -107,7 +107,7 @@ class Indicator:
 
     @property
     def sign(self) -> str:
-        """What stands directly behind it: a question mark where it is doubted, else nothing."""
+        """A question mark where it is doubted, else nothing."""
         return DOUBTED if self.doubts else ""
 
     @property
@@ -220,7 +220,7 @@ class Result:
 
     @property
     def ended(self) -> str:
-        """Why it ended.
+        """The reason for the end.
 
         Of a run that lacks steps, how many count, and why not the next one.
         """
@@ -281,7 +281,7 @@ def doubts_of(
 def distinguishable(
     value: float, other: float, of_value: Uncertainty | None, of_other: Uncertainty | None
 ) -> bool:
-    """Whether two values differ by more than what is known of their uncertainties (section 11).
+    """Return whether two values differ by more than their uncertainties (section 11).
 
     They do not where their expanded uncertainties overlap, nor where the rests that they contain
     differ by as much. Where one is unknown, or neither has any, they count as different.
@@ -406,7 +406,10 @@ class Libraries:
 
 @cache
 def libraries_here() -> Libraries:
-    """Return the versions loaded in this process; installed ones may have been upgraded since."""
+    """Return the versions loaded in this process.
+
+    Installed ones may have been upgraded since.
+    """
     import numpy as np
     import pandas as pd
     import scipy

@@ -45,7 +45,7 @@ class RunInfo:
 
     @property
     def prefix(self) -> str:
-        """How the names of the run's files begin: `subject_SSS_cond_CCC_run_RRR`."""
+        """The beginning of the names of the run's files, `subject_SSS_cond_CCC_run_RRR`."""
         subject, condition_number, run_number = self.filed_as
         return f"{series_prefix(subject, condition_number)}{run_number:03d}"
 
@@ -104,7 +104,10 @@ def run_prefixes(names: Iterable[str]) -> list[str]:
 
 
 def numbers_of(prefix: str) -> tuple[int, int, int]:
-    """Return subject, condition and run number; ScoringError for a text that is no prefix."""
+    """Return subject, condition and run number.
+
+    ScoringError for a text that is no prefix.
+    """
     match = _RUN_FILE.fullmatch(f"{prefix}_event.csv")
     if match is None:
         raise ScoringError(f"{prefix!r} names no run: use subject_SSS_cond_CCC_run_RRR")
@@ -140,7 +143,10 @@ _CW_RUNS: dict[BenchmarkType, tuple[tuple[int, int], ...]] = {
 
 
 def braking_table(benchmark_type: BenchmarkType, side: Side) -> tuple[int, ...]:
-    """181 braking forces, gram-force, for -90..+90 deg in steps of 1 deg; CCW is CW reversed."""
+    """181 braking forces, gram-force, for -90..+90 deg in steps of 1 deg.
+
+    CCW is CW reversed.
+    """
     runs = _CW_RUNS[benchmark_type]
     table = tuple(chain.from_iterable(repeat(force, degrees) for force, degrees in runs))
     return table if side is Side.CW else table[::-1]

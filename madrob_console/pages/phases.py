@@ -40,7 +40,10 @@ PhaseTimes = Mapping[TimedPhase, float]
 
 
 def phases(scored: Scored, place: PagePlace) -> dict[str, object]:
-    """Return what the report shows of the phases; without `columns` it shows none."""
+    """Return what the report shows of the phases.
+
+    Without `columns` it shows none.
+    """
     result = scored.result
     done = {one.step: one.final - result.start for one in result.steps if one.final is not None}
     own = phases_of(done, None if result.stop is None else result.stop - result.start)
@@ -71,7 +74,9 @@ def phases(scored: Scored, place: PagePlace) -> dict[str, object]:
 
 
 def phases_of(steps: Mapping[Step, float], stop: float | None = None) -> PhaseTimes:
-    """Return the phases of a run, in order; steps and stop in s since the start.
+    """Return the phases of a run, in order.
+
+    Steps and stop in s since the start.
 
     A phase that took no time is left out, such as the locking of a door without a latch.
     """

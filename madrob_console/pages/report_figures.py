@@ -44,7 +44,7 @@ _REFERENCE = re.compile(r'(\bid="|url\(#|href="#)')
 
 @lru_cache(maxsize=64)  # drawing takes most of a report's time, and a site draws the same ones
 def figures(scored: Scored) -> Mapping[str, Markup]:
-    """Return the figures of a report by their anchors; that of the sensors is `passage`."""
+    """Return the figures of a report by their anchors, that of the sensors is `passage`."""
     drawn = {}
     condition = scored.record.setup.condition
     for name, figure in figures_of(scored.result, scored.rows, condition).items():

@@ -45,7 +45,7 @@ class Scale(NamedTuple):
 
     @classmethod
     def of(cls, points: Sequence[Point]) -> Self:
-        """Of all completed runs, or where there are none of the others, with their uncertainties.
+        """Return the range of all completed runs, or else of the others, with their uncertainties.
 
         At least four of the largest uncertainty: what cannot be told apart does not look far apart.
         """
@@ -57,7 +57,10 @@ class Scale(NamedTuple):
         return cls(low - room, high + room)
 
     def at(self, value: float) -> float:
-        """Percent of the range; what lies beyond stands at its end."""
+        """Percent of the range.
+
+        What lies beyond stands at its end.
+        """
         part = (value - self.low) / (self.high - self.low)
         return round(100 * min(max(part, 0.0), 1.0), 3)
 
@@ -90,7 +93,10 @@ class ValuePlot(NamedTuple):
 
 
 def value_plots(named: Mapping[str, Sequence[RunSummary]]) -> Iterator[ValuePlot]:
-    """A drawing for each indicator that has a value; runs are the oldest first."""
+    """A drawing for each indicator that has a value.
+
+    Runs are the oldest first.
+    """
     most = max(1, _MOST_POINTS // max(1, len(named)))
     for name in IndicatorName:
         rows = []
@@ -115,7 +121,10 @@ def unit_and_direction(name: IndicatorName) -> str:
 
 
 def _points(runs: Iterable[RunSummary], name: IndicatorName) -> list[Point]:
-    """Values of valid runs that can be drawn; a failed run has no execution time."""
+    """Values of valid runs that can be drawn.
+
+    A failed run has no execution time.
+    """
     points = []
     for run in runs:
         completed = run.outcome is Outcome.COMPLETED
