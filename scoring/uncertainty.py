@@ -61,11 +61,21 @@ class Recorded:
     def door(self) -> Series:
         return self.signals[Signal.DOOR]
 
+    def in_run(self, signal: Signal) -> Series:
+        """The samples of a signal from the start to `rows_end`."""
+        series = self.signals[signal]
+        return series.where((series.time >= self.start) & (series.time <= self.rows_end))
+
+    @property
+    def door_steps(self) -> Array:
+        """The sizes of the steps of the door angle, rad, ascending, shape (n,)."""
+        steps = np.abs(np.diff(self.door.value))
+        return np.sort(steps[steps > 1e-9])
+
     @property
     def count(self) -> float:
         """The smallest step of the door angle but for two, at most one of the encoder, rad."""
-        steps = np.abs(np.diff(self.door.value))
-        steps = np.sort(steps[steps > 1e-9])
+        steps = self.door_steps
         usual = self.thresholds.encoder_count
         return min(float(steps[2]), usual) if steps.size > 10 else usual
 
@@ -159,8 +169,7 @@ def _motion(run: Recorded) -> tuple[float, float]:
 
 def _force(run: Recorded) -> float:
     """Return twice the noise, with what the samples about a lone peak leave open."""
-    handle = run.signals[Signal.HANDLE]
-    size = np.abs(handle.value[(handle.time >= run.start) & (handle.time <= run.rows_end)])
+    size = np.abs(run.in_run(Signal.HANDLE).value)
     if not size.size:
         return math.nan
     noise = run.at_rest(Signal.HANDLE)[1]
