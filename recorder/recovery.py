@@ -34,6 +34,7 @@ from recorder.reader import (
     not_a_bag,
     open_recording,
     read_parts,
+    read_summary,
     refuse_sqlite,
 )
 from recorder.writer import ROSBAG2_RECORD, BagFile
@@ -125,6 +126,9 @@ def _recover_file(path: Path) -> tuple[Recovered, BagInformation]:
     with open_recording(path) as file:
         _lock(file, path.name)
         outline = _read(file, path)
+        summary = read_summary(file)
+        if summary is not None:  # it may tell records that damage hides
+            outline.records |= summary.records
         torn = None
         if outline.problems:
             torn = _replace(file, path, outline)
@@ -176,10 +180,12 @@ def _replace(file: BufferedReader, path: Path, outline: Outline) -> Path:
     """
     part = path.with_name(path.name + _PART)
     part.unlink(missing_ok=True)
-    new = BagFile(part, Batch(), listed_as=path.name)  # it is locked up to the end
+    outline.records.pop(ROSBAG2_RECORD, None)  # it is made anew
+    begins_with = Batch(records=outline.records)
+    new = BagFile(part, begins_with, listed_as=path.name)  # it is locked up to the end
     try:
         for batch in read_parts(file):
-            batch.records.pop(ROSBAG2_RECORD, None)  # it is made anew
+            batch.records.clear()
             new.add(batch)
             new.end_chunk()
             if len(new.disk.waiting) > _MOST_WAITING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from numbers import Real
@@ -109,7 +110,7 @@ def evaluate(  # noqa: PLR0913  a signal is an argument
         ("timeout", timeout, "s"),
         ("handle_zero", handle_zero, "N"),
     ):
-        if not isinstance(number, Real) or not math.isfinite(number):
+        if not isinstance(number, Real) or not abs(number) <= sys.float_info.max:
             raise ScoringError(f"{name} {number!r}: give a finite number, {unit}")
     if timeout <= 0:
         raise ScoringError(f"timeout {timeout!r}: give more than 0 s")

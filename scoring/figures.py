@@ -163,15 +163,16 @@ def _window(result: Result, rows: Rows, part: FigurePart) -> tuple[float, float]
     """Return from and to of the first opening or of the last closing, s since the start."""
     time = rows.joint_state.time - result.start
     angle = np.abs(rows.joint_state.position)
-    if part is FigurePart.OPENING:
-        edge = min(e.since_start for e in result.events if e.event is EventName.DOOR_OPENS)
-        after = time >= edge
-        wide = time[after & (angle >= _WIDE_OPEN * angle[after].max())]
-        return edge - _MARGIN, wide[0] + _MARGIN
-    edge = max(e.since_start for e in result.events if e.event is EventName.DOOR_CLOSES)
-    before = time <= edge
-    wide = time[before & (angle >= _WIDE_OPEN * angle[before].max())]
-    return wide[-1] - _MARGIN, edge + _MARGIN
+    opens = part is FigurePart.OPENING
+    name = EventName.DOOR_OPENS if opens else EventName.DOOR_CLOSES
+    edges = [event.since_start for event in result.events if event.event is name]
+    edge = min(edges) if opens else max(edges)
+    moves = time >= edge if opens else time <= edge
+    wide_open = angle >= _WIDE_OPEN * angle[moves].max(initial=0.0)
+    times = [edge, *time[moves & wide_open]]
+    far = times[1:2] if opens else times[-1:]
+    first, last = min([edge, *far]), max([edge, *far])
+    return first - _MARGIN, last + _MARGIN
 
 
 def _draw_quantity(axes: Axes, result: Result, rows: Rows, quantity: Quantity) -> None:

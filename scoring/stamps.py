@@ -43,7 +43,7 @@ class StampGuard:
 
         None when it is to be dropped.
         """
-        if sample.time == 0:  # it was never set, and tells nothing of the publisher's clock
+        if sample.time == 0 != sample.log_time:  # it was never set, and tells of no clock
             self.dropped += 1
             return None
         self._follow_clock(sample)

@@ -179,7 +179,18 @@ def score_opened(path: Path) -> Scored:
     if stored is None:
         return scored
     issued = Result(**{each.name: getattr(stored, each.name) for each in fields(Result)})
-    return replace(scored, result=issued)
+    problem = opened.recorded.bag.problem
+    if problem is None or _values(scored.result) == _values(issued):
+        return replace(scored, result=issued)
+    # what the recording has lost since then must not be drawn beside the values of the result
+    remarks = (*issued.quality.remarks, f"{problem}: no figure shows the rest of it")
+    issued = replace(issued, quality=replace(issued.quality, remarks=remarks))
+    nothing = replace(scored.rows.cut(math.inf, math.inf), occupied={})
+    return replace(scored, result=issued, rows=nothing)
+
+
+def _values(result: Result) -> list[float | None]:
+    return [indicator.value for indicator in result.indicators.values()]
 
 
 def score_once(path: Path) -> Scored:

@@ -118,11 +118,11 @@ def by_library(
         schema = writer.register_schema(known.type, "ros2msg", known.definition.encode())
         told = {"offered_qos_profiles": qos_text(known.qos), "topic_type_hash": known.type_hash}
         channels[known.name] = writer.register_channel(known.name, "cdr", schema, told)
-    for name, record in (records or {}).items():
-        writer.add_metadata(name, dict(record))
     for one in messages:
         times = one.receive_ns, one.data, one.publish_ns
         writer.add_message(channels[one.topic], *times, one.sequence)
+    for name, record in (records or {}).items():
+        writer.add_metadata(name, dict(record))
     writer.finish()  # type: ignore[no-untyped-call]
     return file.getvalue()
 

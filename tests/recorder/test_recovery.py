@@ -144,6 +144,15 @@ def test_a_torn_bag_says_what_it_lost_and_keeps_its_records(whole: bytes, folder
     assert repaired.topics() == door_topics()
 
 
+def test_a_record_behind_a_damaged_chunk_is_kept(folder: Path) -> None:
+    data = by_library(TALK, records=RUN_RECORD, chunk_size=4000)
+    head = chunk_ends(data)[-2]
+    place(folder, data[:head] + bytes(16) + data[head + 16 :])
+    assert Bag(folder).records["madrob_run"] == RUN_RECORD["madrob_run"]
+    recover(folder)
+    assert Bag(folder).records["madrob_run"] == RUN_RECORD["madrob_run"]
+
+
 def test_to_repair_twice_is_harmless_and_what_is_torn_again_is_kept_again(
     whole: bytes, folder: Path
 ) -> None:

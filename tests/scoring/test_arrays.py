@@ -157,6 +157,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "unknown latch": ({"latch": (T, [1.0, np.nan])}, "latch: a state is nan: leave that"),
     "no start": ({"start": np.nan}, "start nan: give a finite number, s"),
+    "no such time": ({"start": 10**400}, "start 1000"),
     "a start in words": ({"start": "0"}, "start '0': give a finite number, s"),
     "no timeout": ({"timeout": 0}, "timeout 0: give more than 0 s"),
     "no zero": ({"handle_zero": np.inf}, "handle_zero inf: give a finite number, N"),

@@ -335,7 +335,7 @@ class ConsoleScreen(Screen[None]):
     def _tell_live_run(self) -> None:
         """While a replay is shown: says that a run goes on at the testbed."""
         live = self._link.live_snapshot()
-        if live is not None and live.run.active:
+        if live is not None and live.playback is None and live.run.active:
             self.say(f"{who_text(live.run)} GOES ON: F8 aborts it, F10 shows it.", Tone.BAD)
 
     def show(self, snapshot: Snapshot) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import sys
@@ -733,6 +734,17 @@ def test_without_matplotlib_a_report_says_what_is_missing_and_has_all_else(
     madrob("report", folder)
     page = Page((folder / "report.html").read_text())
     page.tells({"Figures": (remedy,), "Indicators": ("execution time",)})
+
+
+@pytest.mark.parametrize("share", [0.35, 0.66])
+def test_a_recording_torn_after_its_result_draws_no_figures(
+    folder: Path, madrob: Madrob, share: float
+) -> None:
+    (bag,) = folder.glob("*.mcap")
+    os.truncate(bag, int(share * bag.stat().st_size))
+    madrob("report", folder)
+    page = Page((folder / "report.html").read_text())
+    page.tells({"Figures": ("None",), "Data quality": ("no figure shows the rest of it",)})
 
 
 def test_the_report_made_later_is_that_of_the_run_and_of_what_its_result_alone_says(
