@@ -35,9 +35,11 @@ from madrob_console.ui.panes.result_pane import ResultHead
 from madrob_console.ui.panes.top_view import doorway, top_view
 from scoring.protocol import BenchmarkType, Condition, Side, StartPose, Step
 from scoring.stamps import REORDERED
+from tests.madrob_console.referee.test_acts import RUNNING
 from tests.madrob_console.ui.driver import (
     Driver,
     Stories,
+    has,
     no,
     no_question,
     on_engine,
@@ -320,6 +322,7 @@ STORIES: Stories = {
     "the keys move a replay and nothing else": [
         (on_engine(kind=SourceKind.REPLAY, playback=VIEW),),
         ("f3", "REPLAY  playing 1x"),
+        (has(run=RUNNING), lambda d: "GOES ON" not in d.console.status),  # it is of the recording
         (
             "space full_stop comma less_than_sign plus minus",
             lambda d: (
