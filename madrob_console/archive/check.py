@@ -226,7 +226,7 @@ def _compare(
     del recomputed["quality"]["lost"]  # only the engine knew
     if _has_recording(stored_files, files, folder):
         # The bag was torn or unfinished before the result was written.
-        remarks = [remark for remark in remarks if not remark.startswith(str(folder))]
+        remarks = [remark for remark in remarks if not remark.startswith(folder.name)]
     compared = {key: value for key, value in recomputed.items() if key not in _NOT_COMPARED}
     yield from differences_between("", stored, compared)
     yield from _remark_differences(_remarks(stored), remarks)
@@ -271,7 +271,7 @@ def _remark_differences(stored: list[Any], recomputed: list[str]) -> Iterator[Di
 
 
 def _without_place(remark: str) -> str:
-    """A remark on a torn bag begins with a path, which changes when the folder is moved."""
+    """A remark on a torn bag begins with the folder's name, which may be changed."""
     return remark.rpartition("/")[2]
 
 

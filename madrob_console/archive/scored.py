@@ -179,7 +179,7 @@ def score_opened(path: Path) -> Scored:
     if stored is None:
         return scored
     issued = Result(**{each.name: getattr(stored, each.name) for each in fields(Result)})
-    problem = opened.recorded.bag.problem
+    problem = _problem_of(opened.recorded.bag)
     if problem is None or _values(scored.result) == _values(issued):
         return replace(scored, result=issued)
     # what the recording has lost since then must not be drawn beside the values of the result
@@ -341,10 +341,15 @@ def report_bag(assessment: Assessment, recorded: RecordedRun) -> None:
     """Adds what is wrong with a recording, once it is read, to the result."""
     for remark in recorded.remarks:
         assessment.report_problem(remark)
-    if recorded.bag.problem is not None:
-        assessment.report_problem(recorded.bag.problem)
+    if (problem := _problem_of(recorded.bag)) is not None:
+        assessment.report_problem(problem)
         if (lost := _lost_steps(assessment, recorded)) is not None:
             assessment.report_problem(lost)
+
+
+def _problem_of(bag: Bag) -> str | None:
+    """What of a recording cannot be read, without the place of its folder, which may be moved."""
+    return None if bag.problem is None else bag.problem.removeprefix(f"{bag.path.parent}/")
 
 
 def _lost_steps(assessment: Assessment, recorded: RecordedRun) -> str | None:
