@@ -350,9 +350,11 @@ def _read_events(path: Path) -> tuple[Event, ...]:
         where = f"{path}, row {unknown.argmax() + 1} below the header, column event"
         name = str(names[unknown].iloc[0])[:60]
         raise ScoringError(f"{where}: {name!r} is no event of the protocol: drop it")
-    starts = int((names == EventName.BENCHMARK_START).sum())
-    if starts != 1:
-        raise ScoringError(f"{path}: benchmark_start is there {starts} times: give it once")
+    starts = table["time"][names == EventName.BENCHMARK_START]
+    if starts.size != 1:
+        raise ScoringError(f"{path}: benchmark_start is there {starts.size} times: give it once")
+    if (table["time"] < starts.iloc[0]).any():
+        raise ScoringError(f"{path}: something comes before benchmark_start: correct its time")
     return tuple(map(Event, table["time"], map(EventName, names)))
 
 

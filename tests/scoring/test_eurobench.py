@@ -163,6 +163,11 @@ def test_other_spellings_read_the_same(folder: Path, spelling: str) -> None:
     [
         ("event.csv", "", "event.csv: is no csv (No columns to parse from file)"),
         ("event.csv", "time,event\n", "event.csv: benchmark_start is there 0 times"),
+        (
+            "event.csv",
+            "time,event\n1,door_opens\n2,benchmark_start\n",
+            "something comes before benchmark_start",
+        ),
         ("event.csv", "time,event\n1,dog_barks\n", "row 1 below the header, column event: 'dog"),
         ("event.csv", EVENTS + EVENTS[11:], "row 3 below the header, column time: does not come"),
         ("wrench.csv", "time,force\n1,2\n", "column force_x is missing: give time,force_x"),
