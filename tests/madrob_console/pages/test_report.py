@@ -485,7 +485,7 @@ OTHERWISE: dict[str, Otherwise] = {
     ),
     "other rules": Otherwise(
         lambda s: ended(of_result(s, ruleset=RulesetName.EUROBENCH_2020)),
-        {"Indicators": ("four things happened, in any order",)},
+        {"Indicators": ("four things happened, in any order", "of 4 events")},
         {"Indicators": (IndicatorName.CAPABILITY_LEVEL.spec.explanation,)},
     ),
     "a real testbed": Otherwise(
