@@ -14,6 +14,7 @@ from madrob_console.cli.output import complain
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ProcessPoolExecutor
+    from types import FrameType
 
 WORTH_A_PROCESS = 10
 """By default a process gets at least this many items: it needs a second to start."""
@@ -137,7 +138,7 @@ class _Processes(Generic[_Item, _Done]):
     def hand_out(self, item: _Item) -> Future[_Done]:
         from concurrent.futures.process import BrokenProcessPool
 
-        with _children_spared():
+        with children_spared():
             with suppress(BrokenProcessPool):
                 return self._pool.submit(self._work, item)
             self._pool = self._new_pool()
@@ -165,16 +166,26 @@ class _Processes(Generic[_Item, _Done]):
 
 
 @contextmanager
-def _children_spared() -> Iterator[None]:
+def children_spared() -> Iterator[None]:
     """Keep Ctrl+C from processes started while inside; it takes effect here afterwards.
 
     A terminal sends it to all processes, and each of them would print a traceback of its own.
     """
     from multiprocessing.resource_tracker import ensure_running
 
+    interrupted = False
+
+    def note(_number: int, _frame: FrameType | None) -> None:
+        nonlocal interrupted
+        interrupted = True
+
     ensure_running()  # starting it would unblock the signal
+    usual = signal.signal(signal.SIGINT, note)  # a thread of a library may get it, too
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # they inherit this for good
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.signal(signal.SIGINT, usual)
+    if interrupted:
+        signal.raise_signal(signal.SIGINT)

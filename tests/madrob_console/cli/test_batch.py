@@ -7,6 +7,7 @@ import os
 import random
 import shutil
 import signal
+import threading
 from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
@@ -19,6 +20,7 @@ from hypothesis import strategies as st
 from madrob_console.cli.sharing import (
     AgainError,
     DeadWorkerError,
+    children_spared,
     in_order,
 )
 from madrob_console.cli.sharing import results as results_of
@@ -166,3 +168,26 @@ def test_the_results_folder_that_is_named_is_looked_in(
     assert f"{results / name}: no such run folder" in madrob.refusal(line)
     madrob(line, "--results", other)
     assert (other / "exports" / f"dossier_practice_{name}.zip").is_file()
+
+
+def test_ctrl_c_waits_until_a_child_has_begun() -> None:
+    """A thread of a library may get it though the main thread blocks it."""
+    begins = threading.Event()
+
+    def receive() -> None:
+        begins.wait()
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+
+    thread = threading.Thread(target=receive)
+    thread.start()
+    done = []
+
+    def begin_child() -> None:
+        with children_spared():
+            begins.set()
+            thread.join()
+            done.append("child")
+
+    with pytest.raises(KeyboardInterrupt):
+        begin_child()
+    assert done == ["child"]
