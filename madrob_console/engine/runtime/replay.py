@@ -36,7 +36,6 @@ from madrob_console.engine.runtime.scorer import Scorer
 from madrob_console.messages.types import MessageTypes
 from madrob_console.referee.journal import Entry, Origin
 from madrob_console.referee.rebuild import Change
-from madrob_console.referee.run import Run
 from madrob_console.testbeds.recorded_bag import RecordedBag
 from recorder import RecorderError
 from scoring.assessment import Assessment
@@ -124,7 +123,7 @@ class Replay:
     def ended(self) -> bool:
         return self.source.clock.ended
 
-    def report(self, assessment: Assessment, run: Run) -> None:
+    def report(self, assessment: Assessment) -> None:
         report_bag(assessment, self.recorded)
         keep_stored_losses(assessment, self.source.path)
 
@@ -194,7 +193,7 @@ class ReplayPerformer:
             return
         request = effect.request
         assert request.assessment is not None
-        self._replay.report(request.assessment, request.run)
+        self._replay.report(request.assessment)
         self._scorer.score(request, lambda scored: self.inputs.append(RunScored(request, scored)))
 
 
